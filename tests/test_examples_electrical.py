@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import test_library_drives as drives
 import test_library_motors as motors
 from examples import Array, Case, check, without_example
+from scipy.integrate import solve_ivp
 
 PI = np.pi
 LAW = "network equations; nothing is integrated"
@@ -29,6 +32,52 @@ def swing(t: Array) -> Array:
     return 6/own*np.exp(-t)*np.sin(own*t)
 
 
+def braked(loss: Callable[[float], Array], mass: Array, start: tuple[float, ...], row: int) -> Callable[[Array], Array]:
+    """Momenta under p' = -R(t) M^-1 p, by SciPy."""
+    inverse = np.linalg.inv(mass)
+    return lambda t: np.asarray(solve_ivp(lambda time, p: -loss(time) @ inverse @ p, (0, t[-1]), start, "DOP853", t,
+                                          rtol=1e-10, atol=1e-12).y[row])
+
+
+def turned(time: float) -> Array:
+    """The resistance of 1 and 0.1 W along turning axes, in the fixed frame."""
+    turn = np.array([[np.cos(time), np.sin(time)], [-np.sin(time), np.cos(time)]])
+    return np.asarray(turn.T @ np.diag([1, 0.1]) @ turn)
+
+
+def gyrated(time: float) -> Array:
+    g = np.array([[time, 1], [0, 0.5]])
+    return np.asarray(g.T @ np.linalg.inv(np.diag([4, 1])) @ g)
+
+
+def factored(time: float) -> Array:
+    factor = np.array([[time, 0], [time, 0.5]])
+    return np.asarray(factor @ factor.T)
+
+
+def hamiltonian(energy: Callable[[Array, float], float], slide: float, start: tuple[float, ...], row: int
+                ) -> Callable[[Array], Array]:
+    """Displacement q (2), momentum p (2), place x and momentum of the slide by Hamilton's equations, q' = -dH/dp,
+    p' = dH/dq, x' = -p_x/slide, p_x' = dH/dx, with differences of the energy for its derivatives."""
+    def rate(_: float, y: Array) -> list[float]:
+        h = 1e-5
+        slopes = [(energy(y[:4] + h*np.eye(4)[k], y[4]) - energy(y[:4] - h*np.eye(4)[k], y[4]))/(2*h) for k in range(4)]
+        along = (energy(y[:4], y[4] + h) - energy(y[:4], y[4] - h))/(2*h)
+        return [-slopes[2], -slopes[3], slopes[0], slopes[1], -y[5]/slide, along]
+
+    return lambda t: np.asarray(solve_ivp(rate, (0, t[-1]), start, "DOP853", t, rtol=1e-9, atol=1e-11).y[row])
+
+
+def tightened(y: Array, x: float) -> float:
+    return float(y[:2] @ (np.array([[5, -1], [-1, 4]]) + x*np.diag([2, 1])) @ y[:2]/2 + y[2:] @ y[2:]/2)
+
+
+def drawn_in(y: Array, x: float) -> float:
+    mass = np.array([[3, 1], [1, 2]]) - x*np.diag([1, 0.5])
+    return float(y[:2] @ np.diag([5, 3]) @ y[:2]/2 + y[2:] @ np.linalg.solve(mass, y[2:])/2)
+
+
+MODULATED = "SciPy, 1e-10; 1e-5 for the integration over several swings"
 SWING = "closed form; 1e-5 for the integration over several swings"
 T, LOAD = np.array([[1, 2], [3, 4]]), np.diag([4, 5])
 CASES = [
@@ -68,6 +117,13 @@ CASES = [
     Case("i_field", "second", lambda t: (np.exp(-t/3) - np.exp(-t))/2, RUN),
     Case("r_field", "first", lambda t: 2/(2*2 + 1)*6 + 0*t, LAW),
     Case("tf_field", "part.a[1].f", lambda t: np.linalg.solve(T.T @ LOAD @ T, [6, 1])[0] + 0*t, LAW),
+    Case("mtf_field", "momenta[1]", braked(turned, 2*np.eye(2), (2, 0), 0), MODULATED, 1e-5),
+    Case("mgy_field", "momenta[2]", braked(gyrated, np.diag([2, 1]), (2, 1), 1), MODULATED, 1e-5),
+    Case("mr_field", "momenta[1]", braked(factored, np.diag([2, 1]), (2, -1), 0), MODULATED, 1e-5),
+    Case("mc_field", "place", hamiltonian(tightened, 3, (1, 0.5, 0, 0, 0, -3), 4), MODULATED, 1e-5),
+    Case("mc_field", "energy", lambda t: tightened(np.array([1, 0.5, 0, 0]), 0) + 1.5 + 0*t, "conserved", 1e-5),
+    Case("mi_field", "place", hamiltonian(drawn_in, 20, (0, 0, 1, -1, 0, -4), 4), MODULATED, 1e-5),
+    Case("mi_field", "energy", lambda t: drawn_in(np.array([0, 0, 1, -1]), 0) + 0.4 + 0*t, "conserved", 1e-5),
     Case("gy_field", "part.a[2].f", lambda t: np.linalg.solve(T.T @ np.linalg.inv(LOAD) @ T, [6, 1])[1] + 0*t, LAW),
 ]
 

@@ -23,6 +23,15 @@ def u(t: Array) -> Array:
     return 2*np.sin(2*PI*t)
 
 
+def fed_back(t: Array) -> Array:
+    """States of x' = A x + B u from rest for u_1 = 1 and u_2 = -0.5 x_1 + 0.25 x_2."""
+    a = np.array([[-1, 0], [1 - 0.5, -2 + 0.25]])
+    values, vectors = np.linalg.eig(a)
+    final = -np.linalg.solve(a, [1, 0])
+    share = np.linalg.solve(vectors, -final)
+    return np.asarray(final[:, None] + vectors @ (share[:, None]*np.exp(np.outer(values, t))))
+
+
 def sampled(t: Array, period: float) -> Array:
     """What u was at the last sample; an output at a sample shows the new one."""
     return u(period*np.floor(t/period + 1e-9))
@@ -115,6 +124,10 @@ CASES = [
     Case("second_order_lag", "part.y", second_order, RUN),
     Case("transfer_function", "part.y", lambda t: 1.5 - 2*np.exp(-t) + 0.5*np.exp(-2*t), "partial fractions"),
     Case("state_space", "part.y", lambda t: 2*(1 - 2*np.exp(-t) + np.exp(-2*t)), "partial fractions"),
+    # both loops in one: A + B F with the feedback F of the second input
+    Case("linear_system", "outputs[3]", lambda t: fed_back(t).sum(axis=0), "matrix exponential"),
+    Case("linear_system", "outputs[2]", lambda t: fed_back(t)[1], "matrix exponential"),
+    Case("matrix_gain", "loads[2]", lambda t: -15*np.sin(2*PI*t) + 40*np.cos(2*PI*t), LAW),
     Case("state_space22", "part.y_1", lambda t: 2*(1 - np.exp(-t)), "partial fractions"),
     Case("state_space22", "part.y_2", lambda t: 2.5 - 2*np.exp(-t) - 0.5*np.exp(-2*t), "partial fractions"),
     Case("saturation", "part.y", lambda t: np.clip(u(t), -1, 1.5), LAW),

@@ -150,6 +150,46 @@ def test_gyrator_of_a_multi_bond() -> None:
         agree(found[f"a[{k + 1}].e"], back[k])
 
 
+@checks("MTFField", "MGYField", "MRField")
+def test_fields_that_a_matrix_signal_modulates() -> None:
+    """f_2 = T f_1, e_1 = T' e_2; e_2 = G f_1, e_1 = G' f_2; e = R_0 L L' f."""
+    matrix = np.array([[1.0, 2, 3], [4, 5, 6]])
+    given = {f"{{}}[{i + 1}][{j + 1}]": matrix[i, j] for i in range(2) for j in range(3)}
+    flows = {"a[1].f": F, "a[2].f": 2*F, "a[3].f": 1.0}
+    f = np.array([F, 2*F, 0*F + 1])
+    found = part("MTFField", n=3, m=2)({**flows, "b[1].e": E, "b[2].e": 3.0, **{k.format("T"): v for k, v in given.items()}})
+    agree([-found["b[1].f"], -found["b[2].f"]], matrix @ f)
+    agree([found[f"a[{k + 1}].e"] for k in range(3)], matrix.T @ [E, 0*E + 3])
+    found = part("MGYField", n=3, m=2)(
+        {**flows, "b[1].f": -E, "b[2].f": -3.0, **{k.format("G"): v for k, v in given.items()}})
+    agree([found["b[1].e"], found["b[2].e"]], matrix @ f)
+    agree([found[f"a[{k + 1}].e"] for k in range(3)], matrix.T @ [E, 0*E + 3])
+    square = {k.format("L"): v for k, v in given.items() if "[3]" not in k}
+    found = part("MRField", n=2, R_0="5 W")({"a[1].f": F, "a[2].f": 2*F, **square})
+    agree([found["a[1].e"], found["a[2].e"]], 5*matrix[:, :2] @ matrix[:, :2].T @ f[:2])
+
+
+@checks("MCField", "MIField")
+def test_stores_that_a_displacement_modulates_take_its_power() -> None:
+    """Efforts are the derivatives of the energy; the port of the modulation has that of the displacement."""
+    k_0, k_1 = np.array([[5.0, -1], [-1, 4]]), np.array([[2.0, 0.5], [0.5, 1]])
+    q, x = np.array([1.5, -2.0]), 0.7
+    found = part("MCField", n=2, K_0="[[5 W/s, -1 W/s], [-1 W/s, 4 W/s]]",
+                 K_1="[[2 W/s**2, 0.5 W/s**2], [0.5 W/s**2, 1 W/s**2]]")(
+        {"q[1]": q[0], "q[2]": q[1], "x": x, "a[1].f": 1.0, "a[2].f": 2.0, "m.f": 3.0})
+    agree([found["a[1].e"], found["a[2].e"]], (k_0 + x*k_1) @ q)
+    agree(found["m.e"], q @ k_1 @ q/2)
+    f = np.array([1.5, -2.0])
+    p = (k_0 + x*k_1) @ f
+    found = part("MIField", n=2, M_0="[[5 W*s, -1 W*s], [-1 W*s, 4 W*s]]", M_1="[[2 W, 0.5 W], [0.5 W, 1 W]]")(
+        {"p[1]": p[0], "p[2]": p[1], "x": x, "a[1].e": 1.0, "a[2].e": 2.0, "m.f": 3.0})
+    agree([found["a[1].f"], found["a[2].f"]], f)
+    # of the energy p' M^-1 p/2 by differences, at constant momenta
+    h = 1e-6
+    energy = [p @ np.linalg.solve(k_0 + (x + d)*k_1, p)/2 for d in (h, -h)]
+    agree(found["m.e"], (energy[0] - energy[1])/(2*h), 1e-6)
+
+
 @checks("RField", "CField", "IField")
 def test_fields() -> None:
     efforts = MATRIX @ [F, 3*F]

@@ -26,6 +26,14 @@ initial: {l.x: 0 m, l.v: 0 m/s}
 simulate: {until: 60 s, every: 50 ms}
 """
 
+RANDOM = np.random.default_rng(4)
+
+
+def rows(matrix: NDArray[np.float64], unit: str = "") -> str:
+    """A matrix as a diagram has it."""
+    return str([[f"{value!r}{unit}" for value in row] for row in matrix.tolist()]).replace("'", "")
+
+
 
 @checks("PID")
 def test_the_three_parts_of_a_controller_and_its_limits() -> None:
@@ -244,6 +252,18 @@ def test_delays() -> None:
     found = response("DelayChain", f, [f"z[{k + 1}]" for k in range(4)], T=0.5, n=4)
     agree(found.real, ((1 + 2j*np.pi*f*0.5/4)**-4).real)
     agree(found.imag, ((1 + 2j*np.pi*f*0.5/4)**-4).imag)
+
+
+@checks("LinearSystem", "MatrixGain")
+def test_systems_of_vectors_are_products_of_matrices() -> None:
+    a, b, c, d = (RANDOM.normal(size=shape) for shape in ((2, 2), (2, 3), (1, 2), (1, 3)))
+    law = part("LinearSystem", n=2, m=3, r=1, A=rows(a, " 1/s"), B=rows(b, " 1/s"), C=rows(c), D=rows(d))
+    x, u = RANDOM.normal(size=2), RANDOM.normal(size=3)
+    found = law({**{f"x[{k + 1}]": x[k] for k in range(2)}, **{f"u[{k + 1}]": u[k] for k in range(3)}})
+    agree([found[f"der(x[{k + 1}])"] for k in range(2)], a @ x + b @ u)
+    agree(found["y[1]"], (c @ x + d @ u)[0])
+    found = part("MatrixGain", n=2, m=3, K=rows(b, " N"))({f"u[{k + 1}]": u[k] for k in range(3)})
+    agree([found[f"y[{k + 1}]"] for k in range(2)], b @ u)
 
 
 @checks("TransferFunction", "StateSpace", "StateSpace22")

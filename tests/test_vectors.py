@@ -161,7 +161,7 @@ def test_mistakes_with_vectors(tmp_path: Path, old: str, new: str, code: str, sa
 
 
 @pytest.mark.parametrize(("formula", "unit", "code"), [
-    ("top.w", "rad/s", "list-number"), ("top.w[1..2]", "rad/s", "list-number"),
+    ("2*top.w", "rad/s", "list-number"), ("-top.w[1..2]", "rad/s", "list-number"), ("top.w[2..1]", "rad/s", "list-number"),
     ("dot(top.w, top.L[1..2])", "J", "list-length"), ("sum(top.L)", "rad/s", "unit-wrong"),
     ("top.w[4]", "rad/s", "name-unknown"), ("sum(top.w[2..5])", "rad/s", "name-unknown")])
 def test_mistakes_in_formulas(tmp_path: Path, formula: str, unit: str, code: str) -> None:

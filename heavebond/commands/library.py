@@ -154,7 +154,8 @@ def _show(component: Component) -> dict[str, object]:
         console.print(line, soft_wrap=True)
     sections: dict[str, list[tuple[str, ...]]] = {
         "Ports": [*((p.name, p.domain, p.doc) for p in component.ports.values()),
-                  *((s.name, f"signal {s.direction}", f"{s.unit.text}{', ' * bool(s.doc)}{s.doc}")
+                  *((s.name, f"signal {s.direction}{', vector' * (s.count is not None)}",
+                     f"{s.unit.text}{', ' * bool(s.doc)}{s.doc}")
                     for s in component.signals.values())],
         "Parameters": [(p.name, "integer" if p.integer else _unit(p), _given(p, medium), p.doc)
                        for p in component.parameters.values()],
@@ -224,7 +225,7 @@ def _text(component: Component, k: int) -> str:
 
 
 def _unit(item: Parameter | Variable) -> str:
-    return item.unit.text if item.count is None else f"list, {item.unit.text}"
+    return item.unit.text if item.count is None else f"{'list' if item.columns is None else 'matrix'}, {item.unit.text}"
 
 
 def _given(parameter: Parameter, medium: str) -> str:

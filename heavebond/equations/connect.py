@@ -218,7 +218,7 @@ def drivers(expanded: Expanded, group: Group) -> tuple[list[str], list[tuple[str
         component = expanded.leaves[leaf].component
         direction = component.signals[port].direction
         inner = {e.path for w in component.body.wires.values() for e in w.ends}
-        if direction == "out" and port not in inner:
+        if direction == "out" and port.partition("[")[0] not in inner:
             outputs.append(path)
         if port in expanded.leaves[leaf].inputs:
             given.append((path, expanded.leaves[leaf].inputs[port]))

@@ -101,6 +101,6 @@ def whole(sheets: tuple[DataSheet, ...], name: str, path: str) -> Value | None:
 
 def _formula(sheet: str, name: str, place: Place) -> Value:
     base, _, index = name.partition("[")
-    inner: tuple[Expr, ...] = (Number(float(index[:-1]), None, 0),) if index else ()
+    inner: tuple[Expr, ...] = tuple(Number(float(k), None, 0) for k in index[:-1].split("][")) if index else ()
     text = f"{sheet}.{name}"
     return Value(Name((*sheet.split("."), base, *inner), 0, len(text)), f"= {text}", place, formula=True)

@@ -69,7 +69,7 @@ def _shown(expanded: Expanded, path: str, open_blocks: bool) -> bool:
 
 def _direction(expanded: Expanded, port: str) -> str:
     part, _, name = port.rpartition(".")
-    signal = expanded.leaves[part].component.signals.get(name.partition("[")[0])
+    signal = expanded.leaves[part].component.signal(name)
     return signal.direction if signal is not None else "power"
 
 

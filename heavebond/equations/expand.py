@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from heavebond.core.errors import HeavebondError, ModelError, Place, Problems, listing, nearest, suggest
 from heavebond.core.limits import OF_A_KIND
 from heavebond.core.units import is_generic
+from heavebond.equations.arrays import array_text, by_elements, part_of, shared, vector_outputs
 from heavebond.equations.data_sheets import DataSheet, data_sheets, taken, whole
 from heavebond.equations.repetition import repeated
 from heavebond.language.definition import Body, Component, End, FileInput, Instance, Parameter, Port, SignalPort, Value
@@ -117,6 +118,10 @@ def expand_as_far(model: Model) -> tuple[Expanded, Problems]:
     opener = _Opener(model)
     opener.top()
     opener.arrays()
+    show = vector_outputs(model.show, opener.leaves, lambda: {
+        *opener.junctions, *(end.name for junction in opener.junctions.values() for end in junction.ends)})
+    if len(show) != len(model.show):
+        model = replace(model, show=show)
     found = Expanded(model, opener.leaves, opener.junctions, opener.parameters, opener.ports, opener.signals,
                      sheets={path: tuple(takers) for path, takers in opener.sheets.items()})
     return found, opener.problems
@@ -186,7 +191,8 @@ class _Opener:
                 known[instance.name] = component
         self._nodes(body, prefix, owner, known)
         for name, component in known.items():
-            sheets = data_sheets(body.instances[name], body, known, prefix, self.model, self.problems)
+            sheets = data_sheets(body.instances[name], body, known, prefix, self.model, self.problems) \
+                if body.instances[name].data else ()
             self._instance(body.instances[name], component, prefix, integers, kinds, sheets)
             for sheet in sheets:
                 self.sheets.setdefault(sheet.path, []).extend(sheet.takers)
@@ -228,6 +234,8 @@ class _Opener:
     def _instance(self, instance: Instance, component: Component, prefix: str, outer: dict[str, int],
                   kinds: tuple[str, ...], sheets: tuple[DataSheet, ...]) -> None:
         path = prefix + instance.name
+        if any(p.columns is not None for p in component.parameters.values()):
+            instance = replace(instance, settings=by_elements(instance.settings, component))
         parameters: dict[str, Bound] = {}
         missing: list[str] = []
         told = lengths(component, lambda name: name in instance.settings or f"{path}.{name}" in self.unused
@@ -259,7 +267,8 @@ class _Opener:
         if not self._unknown_settings(instance, component, missing):
             self._missing(instance.place, path, component, missing)
         inputs = {name: bound for name, port in component.signals.items() if port.direction == "in"
-                  and (bound := self._given(instance, name, prefix, path)) is not None}
+                  and (bound := self._given(instance, name, prefix, path)
+                       or self._given_whole(instance, name, prefix, path)) is not None}
         self.leaves[path] = Leaf(path, component, instance.place, parameters, inputs, integers)
         if component.composite:
             self._body(component.body, path + ".", component, integers, (*kinds, component.name))
@@ -276,6 +285,16 @@ class _Opener:
             return Bound(setting.value, "", setting.place)
         given = instance.settings.get(name)
         return None if given is None else Bound(given, prefix, given.place)
+
+    def _given_whole(self, instance: Instance, name: str, prefix: str, path: str) -> Bound | None:
+        """What is given to an element of a vector of inputs by the name of the whole: `u: =filter.y`, or one number."""
+        base, bracket, _ = name.partition("[")
+        setting = self.model.settings.get(f"{path}.{base}") if bracket else None
+        given = setting.value if setting is not None else instance.settings.get(base) if bracket else None
+        if not isinstance(given, Value):
+            return None
+        self.unused.pop(f"{path}.{base}", None)
+        return Bound(shared(given, base, name), "" if setting is not None else prefix, given.place)
 
     @staticmethod
     def _told(told: dict[str, int], name: str, instance: Instance) -> Bound | None:
@@ -312,7 +331,8 @@ class _Opener:
         """Whether settings that the component does not have were found; these then say what it lacks."""
         inputs = [n for n, s in component.signals.items() if s.direction == "in"]
         settable = short([*component.parameters, *inputs])
-        unknown = [name for name in instance.settings if name not in component.parameters and name not in inputs]
+        whole = {name.partition("[")[0] for name in inputs}
+        unknown = [name for name in instance.settings if name not in component.parameters and name not in (*inputs, *whole)]
         groups = (("port", component.ports), ("signal", component.signals), ("variable", component.variables))
         needs = listing(f"{n.removesuffix('[1]')} ({'a list, ' * ('[' in n)}{p.doc}, {p.unit.text})" for n in missing
                         if (p := component.parameters[n]) and ("[" not in n or n.endswith("[1]")))
@@ -382,7 +402,9 @@ class _Opener:
     def _end(self, end: End, prefix: str, owner: Component | None, known: dict[str, Component],
              body: Body) -> PortEnd | None:
         head, _, port = end.path.partition(".")
-        if not port and owner is not None and (head in owner.ports or head in owner.signals):
+        if "[" in head:  # an element or a part of an array of the block's own
+            head, port = end.path, ""
+        if not port and owner is not None and head.partition("[")[0] in (*owner.ports, *owner.signal_names):
             return PortEnd(prefix[:-1], head, -1, end.place)
         if head in body.instances and head not in known:
             return None  # its kind is unknown, which is said already
@@ -428,18 +450,25 @@ class _Opener:
                                   instance.place, hint=f"Add `{instance.name}.{port.name}` to a node; a free end is "
                                   f"a node of its own: `{instance.name}_{port.name}: [{instance.name}.{port.name}]`.")
         for name, signal in component.signals.items():
-            self.signals[f"{path}.{name}"] = signal
-            given = name in instance.settings or f"{path}.{name}" in self.unused
-            joined = f"{path}.{name}" in on or f"{path}.{name}" in self.meant
-            if signal.direction == "in" and not joined and not given:
-                unit = "" if signal.unit.text == "1" or is_generic(signal.unit.dimension) else f" {signal.unit.text}"
-                self.problems.add("input-unconnected", f"input '{instance.name}.{name}' has no value", instance.place,
-                                  hint=f"Join it to an output on a node, or give it in place: `{name}: 0{unit}`.")
+            if signal.count is None:  # the elements of a vector are known later
+                self.signals[f"{path}.{name}"] = signal
+                given = name in instance.settings or f"{path}.{name}" in self.unused
+                self._input(instance.name, signal, instance.place, given or f"{path}.{name}" in on
+                            or f"{path}.{name}" in self.meant)
+
+    def _input(self, part: str, signal: SignalPort, place: Place, driven: bool) -> None:
+        """An input has a value, or is on a node."""
+        if signal.direction == "in" and not driven:
+            unit = "" if signal.unit.text == "1" or is_generic(signal.unit.dimension) else f" {signal.unit.text}"
+            self.problems.add("input-unconnected", f"input '{part}.{signal.name}' has no value", place,
+                              hint="Join it to an output on a node, or give it in place: "
+                              f"`{signal.name}: 0{unit}`.")
 
     def arrays(self) -> None:
         """Every element of an array of ports is on a node, and no other. A node of whole arrays is one for each element."""
         self.junctions = {one.path: one for junction in self.junctions.values() for one in self._elements(junction)}
         joined = {end.name: end for junction in self.junctions.values() for end in junction.ends if end.sign > 0}
+        self._vectors(joined)
         for path, leaf in self.leaves.items():
             for port in leaf.component.ports.values():
                 count = None if port.count is None else whole_number(port.count, leaf.integers)
@@ -457,29 +486,64 @@ class _Opener:
                                       f"{'is' if len(missing) == 1 else 'are'} on no node", leaf.place,
                                       hint="Join each to a node (in quotes inside a list), or lower the number of ports.")
 
-    def _elements(self, junction: Junction) -> list[Junction]:
-        """The junctions `path[1]`, `path[2]` that a node of whole arrays of ports is; any other as it is."""
-        sizes = {end.name: size for end in junction.ends if (size := self._size(end)) is not None}
-        if not sizes:
-            return [junction]
-        single = next((end for end in junction.ends if end.name not in sizes), None)
-        if single is not None or len(set(sizes.values())) > 1:
-            name, size = next(iter(sizes.items()))
-            other = f"'{single.name}' is one port" if single is not None else next(
-                f"'{n}' is an array of {s}" for n, s in sizes.items() if s != size)
-            self.meant |= {*sizes}
-            self.problems.add("array-length", f"node '{junction.path}' joins whole arrays of ports: '{name}' is an array of "
-                              f"{size}, {other}", junction.place,
-                              hint=f'Join arrays of one length, or single elements, such as `"{name}[1]"`, in quotes.')
-            return []
-        return [Junction(f"{junction.path}[{k}]", tuple(replace(end, port=f"{end.port}[{k}]") for end in junction.ends),
-                         junction.place) for k in range(1, next(iter(sizes.values())) + 1)]
+    def _vectors(self, joined: dict[str, PortEnd]) -> None:
+        """The elements of vectors of signals: each is on a node or given, and no other is named."""
+        for path, leaf in self.leaves.items():
+            vectors = {name: signal for name, signal in leaf.component.signals.items() if "[" in name}
+            if not vectors:
+                continue
+            self.signals.update({f"{path}.{name}": signal for name, signal in vectors.items()})
+            whole = {name.partition("[")[0] for name in vectors}
+            for name, signal in vectors.items():
+                meant = f"{path}.{name.partition('[')[0]}" in self.meant
+                self._input(path, signal, leaf.place, meant or name in leaf.inputs or f"{path}.{name}" in joined)
+            for end in joined.values():
+                if end.leaf == path and end.port.partition("[")[0] in whole and end.port not in vectors:
+                    self.problems.add("port-index", f"'{path}' has the signals {listing(vectors)}; '{end.port}' is none of "
+                                      "these", end.place, hint="An index counts from 1.")
 
-    def _size(self, end: PortEnd) -> int | None:
-        """How many ports an end means that names a whole array; None for one port."""
+    def _elements(self, junction: Junction) -> list[Junction]:
+        """The junctions `path[1]`, `path[2]` that a node of whole arrays of ports, of vectors of signals or of parts of them
+        is; any other as it is."""
+        arrays = {end.name: found for end in junction.ends if (found := self._array(end)) is not None}
+        if not arrays:
+            return [junction]
+        shapes = {name: array_text(found) for name, found in arrays.items()}
+        single = next((end for end in junction.ends if end.name not in arrays), None)
+        if single is not None or len(set(shapes.values())) > 1:
+            name, shape = next(iter(shapes.items()))
+            other = f"'{single.name}' is one {'signal' if self._is_signal(single) else 'port'}" if single is not None else \
+                next(f"'{n}' is {s}" for n, s in shapes.items() if s != shape)
+            self.meant |= {name.partition("[")[0] for name in arrays}
+            self.problems.add("array-length", f"node '{junction.path}' joins whole arrays: '{name}' is {shape}, {other}",
+                              junction.place, hint="Join arrays of one length, or single elements or parts, such as "
+                              f'`"{name.partition("[")[0]}[1]"` and `"{name.partition("[")[0]}[1..2]"`, in quotes.')
+            return []
+        bases = {end.name: end.port.partition("[")[0] for end in junction.ends}
+        return [Junction(f"{junction.path}{index}", tuple(replace(end, port=bases[end.name] + arrays[end.name][index])
+                                                          for end in junction.ends), junction.place)
+                for index in next(iter(arrays.values()))]
+
+    def _is_signal(self, end: PortEnd) -> bool:
         leaf = self.leaves.get(end.leaf)
-        port = leaf.component.ports.get(end.port) if leaf is not None else None
-        return None if leaf is None or port is None or port.count is None else whole_number(port.count, leaf.integers)
+        return leaf is not None and leaf.component.signal(end.port) is not None
+
+    def _array(self, end: PortEnd) -> dict[str, str] | None:
+        """The indices of the elements that an end means, from 1, and those in the array of which it is the whole or a part;
+        None for one port or signal."""
+        leaf = self.leaves.get(end.leaf)
+        if leaf is None:
+            return None
+        base, bracket, inside = end.port.partition("[")
+        port = leaf.component.ports.get(base)
+        if port is not None:
+            size = None if port.count is None else whole_number(port.count, leaf.integers)
+            own = [] if size is None else [f"[{k}]" for k in range(1, size + 1)]
+        else:
+            own = [name.removeprefix(base) for name in leaf.component.signals if name.startswith(f"{base}[")]
+        if not own or (bracket and ".." not in inside):
+            return None
+        return {index: index for index in own} if not bracket else part_of(own, inside[:-1], leaf.integers)
 
     def _top_integers(self) -> dict[str, int]:
         found: dict[str, int] = {}

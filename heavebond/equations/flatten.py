@@ -256,7 +256,7 @@ class _Builder:
             component = leaf.component
             if component.composite and not component.equations and not component.variables and not component.when \
                     and not component.requires \
-                    and {*component.ports, *component.signals} <= inner:
+                    and {*component.ports, *component.signal_names} <= inner:
                 continue
             self.templates[path] = template(component, self.domains, self.network.domains[path], leaf.integers)
 

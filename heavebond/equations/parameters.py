@@ -24,6 +24,8 @@ from heavebond.text.dimensions import number_dimension
 from heavebond.text.expression import Binary, Call, Expr, ExpressionProblem, Name, Number, children, names
 
 Array = NDArray[np.float64]
+MODULATED = "A store whose constant changes takes or gives power: take one with a port for that power, such as an\n" \
+    "MCField or an MIField, or write a component with its own `stores:`."
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,9 @@ def formula_order(expanded: Expanded) -> list[str]:
             needed = [path for n in _names(bound) if (path := _path(expanded, known, bound, n)) is not None]
         except ExpressionProblem as problem:
             assert isinstance(bound.value, Value)
+            leaf = expanded.leaves.get(name.rpartition(".")[0])
+            if problem.code == "parameter-varies" and leaf is not None and leaf.component.stores is not None:
+                problem.hint = MODULATED
             add_formula_problem(problem, bound.value, problems)
             continue
         if needed:

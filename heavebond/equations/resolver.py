@@ -17,7 +17,7 @@ from heavebond.language.definition import Domain
 from heavebond.language.symbols import Context, evaluate, stack
 from heavebond.text.dimensions import SECOND, dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name, Slice, constant, names
-from heavebond.text.shapes import Lengths
+from heavebond.text.shapes import Lengths, Shape
 
 Course = TypeVar("Course", ca.SX, NDArray[np.float64])  # an expression, or values over time
 POWER, WATT = "power", declared_unit("W").dimension
@@ -110,27 +110,40 @@ class Resolver:
         """ExpressionProblem where a formula gives a list, or joins lists that do not fit."""
         if any(self._elements(scope + name.text) or any(isinstance(part, Slice) for part in name.parts)
                for name in names(expr)):
-            Lengths(lambda name: self._length(scope, name), exact=True).number(expr, "what a formula gives")
+            Lengths(lambda name: self.shape(name, scope), exact=True).number(expr, "what a formula gives")
 
-    def _length(self, scope: str, name: Name) -> int | None:
-        part = next((part for part in name.parts if isinstance(part, Slice)), None)
-        if part is None:
-            return len(self._elements(scope + name.text)) or None
-        low, high = constant(part.low), constant(part.high)
-        if low is None or high is None or low != int(low) or high != int(high):
-            raise ExpressionProblem("not-an-integer", "whole numbers are needed here", part.column, 2,
-                                    "Write for example `x[1..3]`.")
+    def shape(self, name: Name, scope: str = "") -> Shape:
+        """The shape of what a name means; None for a number, and for what nothing is called."""
+        sizes = []
+        for part in name.parts:
+            if isinstance(part, Slice):
+                low, high = constant(part.low), constant(part.high)
+                if low is None or high is None or low != int(low) or high != int(high):
+                    raise ExpressionProblem("not-an-integer", "whole numbers are needed here", part.column, 2,
+                                            "Write for example `x[1..3]`.")
+                sizes.append(max(1, int(high - low) + 1))
+        if not sizes:
+            rows = self._elements(scope + name.text)
+            columns = len(self._elements(rows[0])) if rows else 0
+            return (len(rows), columns) if columns else len(rows) or None
         last = _end_of(name, "high")
-        if scope + last not in self.names and scope + last not in self.constants:
+        if not self._known(scope + last):
             raise self._unknown(scope + last, replace(name, parts=(last,)))
-        return max(1, int(high - low) + 1)
+        return sizes[0] if len(sizes) == 1 else (sizes[0], sizes[1])
+
+    def _known(self, path: str) -> bool:
+        return path in self.names or path in self.constants
 
     def _elements(self, path: str) -> list[str]:
-        """The paths of the elements of a list; none for anything else."""
+        """The paths of the elements of a list or the rows of a matrix; none for anything else."""
         found: list[str] = []
-        if path in self.names or path in self.constants:
+        if self._known(path):
             return found
-        while (element := f"{path}[{len(found) + 1}]") in self.names or element in self.constants:
+        while self._known(element := f"{path}[{len(found) + 1}]") or self._known(f"{element}[1]"):
+            found.append(element)
+        owner, _, member = path.rpartition(".")
+        # a member of all ports of an array, or of all nodes
+        while owner and self._known(element := f"{owner}[{len(found) + 1}].{member}"):
             found.append(element)
         return found
 
@@ -149,7 +162,8 @@ class Resolver:
         if path in self.constants:
             return self.constants[path]
         if elements := self._elements(path):
-            return stack(self._value("", element, name) for element in elements)
+            found = [self._value("", element, name) for element in elements]
+            return stack(found) if self._known(elements[0]) else ca.vertcat(*(row.T for row in found))
         port, _, member = path.rpartition(".")
         if member == POWER and port in self.bonds:
             return self.bonds[port].power(self.levels[0])
@@ -159,7 +173,7 @@ class Resolver:
         path = scope + _end_of(name, "low")
         if name.text in ("time", "pi"):
             return SECOND if name.text == "time" else ONE
-        if elements := self._elements(path):
+        while elements := self._elements(path):
             path = elements[0]
         if path in self.names:
             return self.unknowns[self.names[path]].unit.dimension

@@ -39,7 +39,9 @@ QUANTITY = {"$ref": "#/definitions/quantity"}
 TIME = {"$ref": "#/definitions/time"}
 UNIT = {"$ref": "#/definitions/unit"}
 BODY = {"components": {"$ref": "#/definitions/components"}, "nodes": {"$ref": "#/definitions/nodes"}}
-COUNT = {"type": ["string", "integer"], "description": "how many it is a list of, by whole numbers"}
+WHOLE = {"type": ["string", "integer"]}
+COUNT = {"anyOf": [WHOLE, {"type": "array", "items": WHOLE, "minItems": 1, "maxItems": 2}],
+         "description": "how many it is a list of, or rows and columns of a matrix, by whole numbers"}
 # in this order: an experiment and a study name a model too
 HEADS = ("component", "function", "experiment", "study", "model")
 
@@ -147,8 +149,8 @@ def study() -> Schema:
 def component_file(known: Library) -> Schema:
     """A component."""
     domain: Schema = {"anyOf": [{"enum": list(known.domains)}, {"type": "string", "pattern": r"^\$"}]}
-    signal = _object({"signal": {"enum": ["in", "out"]}, "unit": UNIT, "doc": TEXT}, ["signal", "unit"])
-    port = _object({"domain": domain, "doc": TEXT, "count": COUNT,
+    signal = _object({"signal": {"enum": ["in", "out"]}, "unit": UNIT, "doc": TEXT, "count": COUNT}, ["signal", "unit"])
+    port = _object({"domain": domain, "doc": TEXT, "count": WHOLE,
                     "prescribed": _said("its motion must not depend on what acts on it here; written without a value", {})},
                    ["domain"])
     parameter = with_former_keys("parameter", _object({

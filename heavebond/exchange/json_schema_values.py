@@ -71,7 +71,8 @@ def parameter(declared: Parameter) -> Schema:
 
 
 LISTS: tuple[Schema, ...] = (
-    {"type": "array", "items": {"$ref": "#/definitions/quantity"}},
+    {"type": "array", "items": {"anyOf": [{"$ref": "#/definitions/quantity"},
+                                          {"type": "array", "items": {"$ref": "#/definitions/quantity"}}]}},
     {"type": "object", "additionalProperties": False, "required": ["file", "values", "unit"], "properties": {
         "file": {"type": "string"}, "values": {**TEXT, "description": "the column"},
         "unit": {"$ref": "#/definitions/unit"}}})
@@ -85,8 +86,9 @@ def listed(declared: Parameter) -> Schema:
 def signal(port: SignalPort) -> Schema:
     """What is given to a signal input in place: a quantity, a formula, or a column of a record."""
     said = ", ".join(part for part in (port.doc, f"in {port.unit.text}") if part)
+    several = LISTS[:1] if port.count is not None else ()
     return {"description": f"{said}; or joined by a node",
-            "anyOf": [quantity(port.unit), {"$ref": "#/definitions/column"}]}
+            "anyOf": [quantity(port.unit), {"$ref": "#/definitions/column"}, *several]}
 
 
 def column(required: Iterable[str], more: Mapping[str, Schema] | None = None) -> Schema:
@@ -110,7 +112,7 @@ def instance_of(component: Component) -> Schema:
     lists = {name: p for name, p in component.parameters.items() if p.count is not None}
     given = {name: listed(p) if name in lists else parameter(p) for name, p in component.parameters.items()}
     given |= {name: signal(s) for name, s in component.signals.items() if s.direction == "in"}
-    elements = {rf"^{name}\[\s*\d+\s*\]$": parameter(p) for name, p in lists.items()}
+    elements = {rf"^{name}\[\s*\d+\s*((,|\]\[)\s*\d+\s*)?\]$": parameter(p) for name, p in lists.items()}
     return {"description": component.summary, "additionalProperties": False, "properties": {**COMMON_ENTRIES, **given},
             **({"patternProperties": elements} if elements else {})}
 

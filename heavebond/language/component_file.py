@@ -29,7 +29,7 @@ from heavebond.language.extension import extension
 from heavebond.language.renamed_keys import present
 from heavebond.language.when import when_entries
 from heavebond.text.expression import Expr, Number, constant, parse_equation, parse_formula
-from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
+from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source
 
 T = TypeVar("T")
 COMPONENT_KEYS = (
@@ -172,26 +172,38 @@ class _Parser:
         doc = ""
         if entry is not None:
             doc = reading.text(entry.items.get("doc"), "doc", self.problems)
-            count = self._count(entry)
+            count, columns = self._count(entry)
+            if columns is not None:
+                self.problems.add("count-bad", f"port '{key.text}' has one number, how many ports it is",
+                                  entry.items["count"].place,
+                                  hint="Write `count: n`; a matrix is a parameter, a variable or a signal.")
         prescribed = entry is not None and "prescribed" in entry.items and reading.choice(
             entry.items["prescribed"], "prescribed", ("true", "false"), self.problems) != "false"
         ports[key.text] = Port(key.text, domain, key.place, doc, count, prescribed)
 
-    def _count(self, node: Mapping) -> Expr | None:
-        """How many it is a list of, by whole numbers."""
+    def _count(self, node: Mapping) -> tuple[Expr | None, Expr | None]:
+        """How many it is a list of, or the rows and columns of a matrix, by whole numbers."""
         counted = node.items.get("count")
-        return reading.parsed(lambda t: parse_formula(t, units=False), counted.text, counted.place, self.problems) \
-            if isinstance(counted, Scalar) else None
+        if counted is None:
+            return None, None
+        sizes = counted.items if isinstance(counted, Sequence) else [counted]
+        if len(sizes) > 2 or not sizes or not all(isinstance(size, Scalar) for size in sizes):
+            self.problems.add("count-bad", "`count:` is the length of a list, or rows and columns of a matrix",
+                              counted.place, hint="Write `count: n` or `count: [n, m]`.")
+            return None, None
+        read = [reading.parsed(lambda t: parse_formula(t, units=False), size.text, size.place, self.problems)
+                for size in sizes if isinstance(size, Scalar)]
+        return read[0], read[1] if len(read) == 2 else None
 
     def _signal(self, key: Scalar, node: Mapping) -> SignalPort:
-        reading.known_keys(node, ("signal", "unit", "doc"), f"signal '{key.text}'", self.problems, ("unit",))
+        reading.known_keys(node, ("signal", "unit", "doc", "count"), f"signal '{key.text}'", self.problems, ("unit",))
         direction = reading.text(node.items.get("signal"), "signal", self.problems)
         if direction not in ("in", "out"):
             self.problems.add("signal-direction", f"'{direction}' is no direction of a signal",
                               node.items["signal"].place, hint="Write `signal: in` or `signal: out`.")
         unit = reading.unit(node.items.get("unit"), self.problems) or DIMENSIONLESS
         return SignalPort(key.text, direction, unit, key.place,
-                          reading.text(node.items.get("doc"), "doc", self.problems))
+                          reading.text(node.items.get("doc"), "doc", self.problems), *self._count(node))
 
     def _parameter(self, key: Scalar, node: Mapping, variables: Dictionary[str, Variable]) -> Parameter:
         node = present(node, "parameter", self.problems)
@@ -207,14 +219,15 @@ class _Parser:
             if default is not None and not default.formula and not (unit and is_generic(unit.dimension)):
                 self._bound(node, "default", unit, key)
         bounds = {name: self._bound(node, name, unit, key) for name in ("min", "max", "neutral")}
+        count, columns = self._count(node)
         return Parameter(key.text, unit or DIMENSIONLESS, key.place,
                          reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
                          default, bounds["neutral"], integer, reading.text(node.items.get("class"), "class", self.problems),
                          read_search_range(node.items.get("search_range"), unit or DIMENSIONLESS, variables, key.text,
                                            self.problems),
                          tuple(w.text for w in reading.words(node.items.get("wakes_with"), "wakes_with", self.problems)),
-                         self._count(node), reading.text(node.items.get("medium"), "medium", self.problems),
-                         "width" in node.items)
+                         count, reading.text(node.items.get("medium"), "medium", self.problems), "width" in node.items,
+                         columns)
 
     def _variable(self, key: Scalar, node: Mapping) -> Variable:
         reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count", "nominal"),
@@ -227,9 +240,10 @@ class _Parser:
         if "start" in node.items and "held" in node.items:
             self.problems.add("held-start", f"'{key.text}' has `start:` and `held:`", node.keys["start"].place,
                               hint="`held:` is the value that it starts at; leave `start:` out.")
+        count, columns = self._count(node)
         return Variable(key.text, unit or DIMENSIONLESS, key.place,
                         reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
-                        bounds["start"], bounds["held"], self._count(node), bounds["nominal"])
+                        bounds["start"], bounds["held"], count, bounds["nominal"], columns)
 
     def _bound(self, node: Mapping, name: str, unit: Unit | None, key: Scalar) -> float | None:
         """A bound or default in SI; its unit may be left out where the declared one is dimensionless or it is 0.

@@ -103,13 +103,15 @@ class Port:
 
 @dataclass(frozen=True)
 class SignalPort:
-    """A directed signal, `direction` in or out."""
+    """A directed signal, `direction` in or out; `count` makes it a vector, with `columns` a matrix."""
 
     name: str
     direction: str
     unit: Unit
     place: Place
     doc: str = ""
+    count: Expr | None = None
+    columns: Expr | None = None
 
 
 @dataclass(frozen=True)
@@ -192,7 +194,7 @@ ATTACHES = ("across", "at", "in series", "input", "channel")
 
 @dataclass(frozen=True)
 class Parameter:
-    """A constant of a component, or with `count` a list of them; bounds and default in SI.
+    """A constant of a component, or with `count` a list of them, with `columns` a matrix; bounds and default in SI.
 
     `neutral` is the value at which an effect is absent: such a parameter is a dormant effect, called `kind`, `sought`
     within a range when it wakes and with it those it `wakes_with`.
@@ -216,12 +218,13 @@ class Parameter:
     count: Expr | None = None
     medium: str = ""
     width: bool = False
+    columns: Expr | None = None
 
 
 @dataclass(frozen=True)
 class Variable:
-    """An inner unknown of a component, or with `count` a list of them; `start` is the guess where nothing else is known,
-    `nominal` its typical size where that is not the usual one of its unit.
+    """An inner unknown of a component, or with `count` a list or matrix of them; `start` is the guess where nothing else is
+    known, `nominal` its typical size where that is not the usual one of its unit.
 
     With `held`, the value that it starts at, it is no unknown: it is constant between events, which alone change it.
     """
@@ -236,6 +239,7 @@ class Variable:
     held: float | None = None
     count: Expr | None = None
     nominal: float | None = None
+    columns: Expr | None = None
 
 
 @dataclass(frozen=True)
@@ -384,6 +388,16 @@ class Component:
     def is_a(self, kind: str) -> bool:
         """Whether it is the component of that name, or extends it."""
         return kind == self.name or kind in self.extends
+
+    def signal(self, name: str) -> SignalPort | None:
+        """The signal of that name, of a vector (`u`, `u[2]`) the whole one or its first element."""
+        base = name.partition("[")[0]
+        return next((self.signals[n] for n in (name, base, f"{base}[1]", f"{base}[1][1]") if n in self.signals), None)
+
+    @property
+    def signal_names(self) -> tuple[str, ...]:
+        """The names of its signals, a vector by one name."""
+        return tuple(dict.fromkeys(name.partition("[")[0] for name in self.signals))
 
     @property
     def unknowns(self) -> dict[str, Variable]:

@@ -22,9 +22,10 @@ from heavebond.language.definition import (
     Variable,
 )
 from heavebond.language.event_laws import check_events
+from heavebond.language.lists import indices
 from heavebond.text.dimensions import ANY, SECOND, TRUTH, Lookup, check_equation, dimension
 from heavebond.text.expression import Binary, Expr, ExpressionProblem, Name, Slice, constant, names
-from heavebond.text.shapes import Lengths
+from heavebond.text.shapes import Lengths, Shape, elements, indexed
 
 Domains = Mapping[str, Domain]
 MOST = 10_000  # more ports or equations of a kind than this are a slip
@@ -63,21 +64,29 @@ class Scope:
 
     def _indexed(self, word: str, name: Name) -> None:
         """Nothing but a list has an index."""
-        item = self.component.parameters.get(word) or self.component.variables.get(word)
+        item = self._item(word)
         if (item is None or item.count is None) and len(name.parts) > 1:
             raise ExpressionProblem("list-index", f"'{word}' is no list; it has no index", name.column, name.length,
                                     f"Write `{word}`, or declare it with `count: n`.")
 
-    def length(self, name: Name) -> int | None:
-        """How many elements a name means, with every whole number at 3; None for a number."""
-        listed = [part for part in name.parts if not isinstance(part, str)]
-        if listed and isinstance(listed[0], Slice):
-            low, high = (_integer(bound, self.component) for bound in (listed[0].low, listed[0].high))
-            return max(1, high - low + 1)
+    def _item(self, word: str) -> Parameter | Variable | SignalPort | None:
+        groups: tuple[Mapping[str, Parameter | Variable | SignalPort], ...] = (
+            self.component.parameters, self.component.variables, self.component.signals)
+        return next((group[word] for group in groups if word in group), None)
+
+    def length(self, name: Name) -> Shape:
+        """The shape of what a name means, with every whole number at 3; None for a number."""
         word = name.parts[0]
-        item = self.component.ports.get(word) or self.component.parameters.get(word) or self.component.variables.get(word) \
-            if isinstance(word, str) else None
-        return _integer(item.count, self.component) if item is not None and item.count is not None and not listed else None
+        item = (self.component.ports.get(word) or self._item(word)) if isinstance(word, str) else None
+        if item is None or item.count is None:
+            return None
+        columns = None if isinstance(item, Port) else item.columns
+        rows = _integer(item.count, self.component)
+        return indexed(rows if columns is None else (rows, _integer(columns, self.component)), name, self._size)
+
+    def _size(self, part: Slice) -> int:
+        low, high = (_integer(bound, self.component) for bound in (part.low, part.high))
+        return max(1, high - low + 1)
 
     def _reaches_inside(self, words: list[str]) -> bool:
         return words[0] in self.component.body.instances
@@ -174,7 +183,7 @@ def _balance(component: Component, domains: Domains, problems: Problems) -> None
     """Law 2: as many equations as unknowns that the component itself must decide."""
     unknowns = _own_unknowns(component, domains)
     lengths = Lengths(Scope(component, domains).length, exact=False)
-    equations = sum(_repetitions(line, component) * (lengths.equation(line.tree) or 1) for line in component.equations)
+    equations = sum(_repetitions(line, component) * elements(lengths.equation(line.tree)) for line in component.equations)
     if equations == len(unknowns):
         return
     used = {n.text for line in component.equations for side in (line.tree.left, line.tree.right) for n in names(side)}
@@ -201,13 +210,15 @@ def _own_unknowns(component: Component, domains: Domains) -> list[str]:
         if port.name in inner:
             continue
         # an array counts for the smallest number that its file declares
-        indices = [""] if port.count is None else [f"[{k + 1}]" for k in range(_integer(port.count, component))]
+        copies = [""] if port.count is None else [f"[{k + 1}]" for k in range(_integer(port.count, component))]
         through = ("flow",) if port.domain.startswith("$") else domains[port.domain].through
-        unknowns += [f"{port.name}{index}.{member}" for index in indices for member in through]
-    unknowns += [s.name for s in component.signals.values() if s.direction == "out" and s.name not in inner]
-    for name, variable in component.unknowns.items():
-        unknowns += [name] if variable.count is None else \
-            [f"{name}[{k + 1}]" for k in range(_integer(variable.count, component))]
+        unknowns += [f"{port.name}{index}.{member}" for index in copies for member in through]
+    items: list[SignalPort | Variable] = [
+        *(s for s in component.signals.values() if s.direction == "out" and s.name not in inner),
+        *component.unknowns.values()]
+    for item in items:
+        unknowns += [item.name] if item.count is None else [
+            item.name + index for index in indices(item.count, item.columns, lambda expr: _integer(expr, component))]
     return unknowns
 
 

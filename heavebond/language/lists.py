@@ -1,4 +1,5 @@
-"""Arrays: a parameter or variable with `count: n` is expanded to `x[1]` ... `x[n]` once the integer parameters are known."""
+"""Arrays: what has `count: n` is expanded to `x[1]` ... `x[n]` once the integer parameters are known, and what has
+`count: [n, m]` to `x[1][1]`, `x[1][2]` ... `x[n][m]`, row by row."""
 
 from __future__ import annotations
 
@@ -8,10 +9,10 @@ from functools import lru_cache
 from math import isfinite
 from typing import TypeVar
 
-from heavebond.language.definition import Component, Parameter, Variable
+from heavebond.language.definition import Component, Parameter, SignalPort, Variable
 from heavebond.text.expression import Binary, Expr, Name, constant
 
-Item = TypeVar("Item", Parameter, Variable)
+Item = TypeVar("Item", Parameter, Variable, SignalPort)
 
 
 def whole_number(expr: Expr, known: Mapping[str, int]) -> int | None:
@@ -30,12 +31,13 @@ def whole_number(expr: Expr, known: Mapping[str, int]) -> int | None:
 
 
 def has_lists(component: Component) -> bool:
-    """Whether any of its parameters or variables is a list."""
-    return any(item.count is not None for group in (component.parameters, component.variables) for item in group.values())
+    """Whether any of its parameters, variables or signals is a list."""
+    return any(item.count is not None for group in (component.parameters, component.variables, component.signals)
+               for item in group.values())
 
 
 def written_out(component: Component, integers: Mapping[str, int]) -> Component:
-    """The component with every list as single parameters and variables; the same object for the same numbers."""
+    """The component with every list as single parameters, variables and signals; the same object for the same numbers."""
     return _written_out(Same(component), tuple(sorted(integers.items()))) if has_lists(component) else component
 
 
@@ -56,7 +58,7 @@ class Same:
 def _written_out(key: Same, integers: tuple[tuple[str, int], ...]) -> Component:
     known = dict(integers)
     return replace(key.component, parameters=_spread(key.component.parameters, known),
-                   variables=_spread(key.component.variables, known))
+                   variables=_spread(key.component.variables, known), signals=_spread(key.component.signals, known))
 
 
 def _spread(items: Mapping[str, Item], known: Mapping[str, int]) -> dict[str, Item]:
@@ -65,21 +67,38 @@ def _spread(items: Mapping[str, Item], known: Mapping[str, int]) -> dict[str, It
         if item.count is None:
             found[name] = item
         else:
-            found.update({f"{name}[{k}]": replace(item, name=f"{name}[{k}]", count=None)
-                          for k in range(1, (whole_number(item.count, known) or 0) + 1)})
+            found.update({f"{name}{index}": replace(item, name=f"{name}{index}", count=None, columns=None)
+                          for index in indices(item.count, item.columns, lambda expr: whole_number(expr, known) or 0)})
     return found
+
+
+def indices(count: Expr, columns: Expr | None, number: Callable[[Expr], int]) -> list[str]:
+    """The indices of all elements of a list (`[1]`, `[2]`) or, row by row, of a matrix (`[1][1]`, `[1][2]`)."""
+    rows = [f"[{i}]" for i in range(1, number(count) + 1)]
+    return rows if columns is None else [f"{row}[{j}]" for row in rows for j in range(1, number(columns) + 1)]
 
 
 def lengths(component: Component, given: Callable[[str], bool]) -> dict[str, int]:
     """Whole numbers that the lists which were given tell: the length of the longest that is counted by each."""
     found: dict[str, int] = {}
-    for name, parameter in component.parameters.items():
-        if isinstance(parameter.count, Name):
-            k = 0
-            while given(f"{name}[{k + 1}]"):
-                k += 1
-            if k:
-                found[parameter.count.text] = max(k, found.get(parameter.count.text, 0))
+
+    def tell(expr: Expr | None, before: str, behind: str) -> None:
+        if not isinstance(expr, Name):
+            return
+        k = 0
+        while given(f"{before}{k + 1}{behind}"):
+            k += 1
+        if k:
+            found[expr.text] = max(k, found.get(expr.text, 0))
+
+    items: list[Parameter | SignalPort] = [
+        *component.parameters.values(), *(s for s in component.signals.values() if s.direction == "in")]
+    for item in items:
+        if item.columns is None:
+            tell(item.count, f"{item.name}[", "]")
+        else:
+            tell(item.count, f"{item.name}[", "][1]")
+            tell(item.columns, f"{item.name}[1][", "]")
     return found
 
 

@@ -90,7 +90,7 @@ class Model:
         """A model with other values: `{"gas.c": "40 kN/m"}`, or a plain number in the parameter's base unit; and with other
         values at the start: `{"initial.crown.x": 0.02}`."""
         settings, conditions = dict(self.settings), dict(self.initial.conditions)
-        for path, given in values.items():
+        for path, given in ((reading.element_path(key), value) for key, value in values.items()):
             place = Place("with_parameters", 1, 1, f"{path}: {given}")
             value, name = _python_value(path, given), path.removeprefix("initial.")
             if path == name:

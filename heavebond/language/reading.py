@@ -18,6 +18,7 @@ from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source
 T = TypeVar("T", Expr, Equation)
 IDENTIFIER = re.compile(r"[A-Za-z_]\w*")
 CAMEL_CASE = re.compile(r"[A-Z][A-Za-z0-9]*[a-z][A-Za-z0-9]*")
+_COMMA_IN_INDEX = re.compile(r"\s*,\s*(?=[^\[\]]*\])")
 RESERVED = {*KEYWORDS, "time", "pi"}
 SWITCHES = {"on": 1, "yes": 1, "true": 1, "off": 0, "no": 0, "false": 0}
 FARTHEST = 100  # of a place in a drawing, which is laid out on a grid
@@ -295,7 +296,7 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems) -> Ins
     at: tuple[float, ...] | None = None
     repeat = None
     data: tuple[tuple[str, Place], ...] = ()
-    for name, item in entry.items.items():
+    for name, item in ((element_path(key), found) for key, found in entry.items.items()):
         if name == "is":
             continue
         if name == "at":
@@ -318,9 +319,26 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems) -> Ins
 
 
 def elements(node: Sequence, name: str, what: str, problems: Problems) -> dict[str, Value]:
-    """A list of values under the names of its elements: `x: [0 mm, 2 mm]` is x[1] and x[2]."""
-    found = {f"{name}[{k}]": value(item, f"{what}[{k}]", problems) for k, item in enumerate(node.items, 1)}
-    return {key: number for key, number in found.items() if number is not None}
+    """A list of values under the names of its elements: `x: [0 mm, 2 mm]` is x[1] and x[2], and of a matrix, a list of its
+    rows, `K: [[1, 2], [3, 4]]` is K[1][1] to K[2][2]."""
+    found: dict[str, Value] = {}
+    rows = [len(item.items) if isinstance(item, Sequence) else 0 for item in node.items]
+    if len(set(rows)) > 1:
+        problems.add("matrix-rows", f"the rows of {what} differ in length" if all(rows) else
+                     f"{what} is a list of values and of lists", node.place,
+                     hint="A matrix is a list of its rows, `[[1, 2], [3, 4]]`, all of one length.")
+        return found
+    for k, item in enumerate(node.items, 1):
+        if isinstance(item, Sequence) and "[" not in name:
+            found.update(elements(item, f"{name}[{k}]", f"{what}[{k}]", problems))
+        elif (number := value(item, f"{what}[{k}]", problems)) is not None:
+            found[f"{name}[{k}]"] = number
+    return found
+
+
+def element_path(path: str) -> str:
+    """A path with the indices of a matrix as everything here writes them: `a.K[1, 2]` is `a.K[1][2]`."""
+    return _COMMA_IN_INDEX.sub("][", path)
 
 
 def column_values(node: Mapping, name: str, source: Source, problems: Problems) -> dict[str, Value]:

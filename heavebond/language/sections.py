@@ -61,19 +61,18 @@ def read_settings(node: Node | None, source: Source, problems: Problems) -> dict
     """`set:` of a diagram or a record."""
     entries = reading.mapping(node, "set", problems)
     found = {}
-    for path, item in (entries.items if entries else {}).items():
-        if isinstance(item, Mapping) and "values" in item.items and entries:
-            found.update({k: Setting(k, v, entries.keys[path].place)
-                          for k, v in reading.column_values(item, path, source, problems).items()})
+    for key, item in (entries.items if entries else {}).items():
+        assert entries is not None
+        path, place = reading.element_path(key), entries.keys[key].place
+        if isinstance(item, Mapping) and "values" in item.items:
+            found.update({k: Setting(k, v, place) for k, v in reading.column_values(item, path, source, problems).items()})
         elif isinstance(item, Mapping):
-            record = reading.file_input(item, source, problems)
-            if record is not None and entries:
-                found[path] = Setting(path, record, entries.keys[path].place)
-        elif isinstance(item, Sequence) and entries:
-            place = entries.keys[path].place
+            if (record := reading.file_input(item, source, problems)) is not None:
+                found[path] = Setting(path, record, place)
+        elif isinstance(item, Sequence):
             found.update({k: Setting(k, v, place) for k, v in reading.elements(item, path, path, problems).items()})
-        elif (value := reading.value(item, path, problems)) is not None and entries:
-            found[path] = Setting(path, value, entries.keys[path].place)
+        elif (value := reading.value(item, path, problems)) is not None:
+            found[path] = Setting(path, value, place)
     return found
 
 
@@ -92,7 +91,7 @@ def read_initial(node: Node | None, base: Initial, problems: Problems) -> Initia
         elif name == "solve":
             solve = {word.text: word.place for word in reading.words(item, "solve", problems)}
         elif (condition := _condition(name, item, key, problems)) is not None:
-            conditions[name] = condition
+            conditions[condition.name] = condition
     return Initial(mode, conditions, solve)
 
 
@@ -103,11 +102,12 @@ def read_conditions(node: Node | None, problems: Problems) -> dict[str, Conditio
     for name, item in (entries.items if entries else {}).items():
         condition = _condition(name, item, entries.keys[name], problems) if entries else None
         if condition is not None:
-            found[name] = condition
+            found[condition.name] = condition
     return found
 
 
 def _condition(name: str, item: Node, key: Scalar, problems: Problems) -> Condition | None:
+    name = reading.element_path(name)
     if isinstance(item, Scalar) and item.text.lstrip().startswith("~"):
         content = item.text.strip().removeprefix("~").lstrip()
         skipped = len(item.text) - len(content)

@@ -133,7 +133,10 @@ def _name(expr: Name, context: Context) -> ca.SX:
                                         hint="Write the lower index first, as in `x[1..3]`.")
             each = [Name((*expr.parts[:k], Number(i, None, 0), *expr.parts[k + 1:]), expr.column, expr.length)
                     for i in range(low, high + 1)]
-            return stack(_name(element, context) for element in each)
+            found = [_name(element, context) for element in each]
+            # a second slice gives each row as a column
+            return ca.vertcat(*(row.T for row in found)) if any(isinstance(p, Slice) for p in expr.parts[k + 1:]) else \
+                stack(found)
         else:
             words[-1] += f"[{_integer(part, context)}]"
     text = ".".join(words)
@@ -159,7 +162,8 @@ def _binary(expr: Binary, context: Context) -> ca.SX:
     if expr.op == "-":
         return left - right
     if expr.op == "*":
-        return left * right
+        # their shapes were checked: what is no number on both sides is a matrix times a vector or a matrix
+        return left * right if left.is_scalar() or right.is_scalar() else ca.mtimes(left, right)
     if expr.op == "/":
         return left / right
     return left**right
@@ -172,7 +176,7 @@ def _call(expr: Call, context: Context) -> ca.SX:
     if name == "uniform":
         return ca.SX(uniform(_integer(expr.args[0], context), _integer(expr.args[1], context)))
     if name == "sum":
-        return ca.sum1(evaluate(expr.args[0], context))
+        return ca.sum1(ca.vec(evaluate(expr.args[0], context)))
     args = [evaluate(arg, context) for arg in expr.args]
     if name in _ONE_ARGUMENT:
         return _ONE_ARGUMENT[name](args[0])
@@ -180,6 +184,8 @@ def _call(expr: Call, context: Context) -> ca.SX:
         return ca.dot(args[0], args[1])
     if name == "cross":
         return ca.cross(args[0], args[1])
+    if name == "transpose":
+        return args[0].T
     if name in ("symmetric", "definite", "semidefinite"):
         return _matrix_property(name, args[0], expr)
     if name in ("min", "max"):
@@ -195,14 +201,15 @@ def _call(expr: Call, context: Context) -> ca.SX:
     return args[0] / ca.sqrt(ca.sqrt(args[0] ** 2 + args[1] ** 2))
 
 
-def _matrix_property(name: str, rows: ca.SX, expr: Call) -> ca.SX:
-    """Whether a square matrix, its rows in one column (n*n,), is symmetric, or its symmetric part positive (semi-)definite:
-    the pivots of its elimination are above zero, of a semi-definite one when MATRIX_ROUNDING of its largest element is added
-    to its diagonal."""
+def _matrix_property(name: str, given: ca.SX, expr: Call) -> ca.SX:
+    """Whether a square matrix (n, n), or its rows in one column (n*n,), is symmetric, or its symmetric part positive
+    (semi-)definite: the pivots of its elimination are above zero, of a semi-definite one when MATRIX_ROUNDING of its largest
+    element is added to its diagonal."""
+    rows = ca.vec(given.T)
     n = isqrt(rows.numel())
     if n * n != rows.numel():
         raise ExpressionProblem("list-length", f"{name} takes a square matrix; {rows.numel()} elements are none",
-                                expr.column, hint="Declare it with `count: n*n`.")
+                                expr.column, hint="Declare it with `count: [n, n]`.")
     matrix = ca.reshape(rows, n, n).T
     largest = ca.mmax(ca.fabs(rows))
     if name == "symmetric":

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from math import inf
+from typing import TypeVar
 
 import casadi as ca
 
@@ -14,8 +15,9 @@ from heavebond.language.definition import Component, Domain, EquationLine, Event
 from heavebond.language.incidence import Entry, Interval, classify
 from heavebond.language.symbols import Called, Context, evaluate, indicator, nonsmooth, stack
 from heavebond.text.expression import Expr, ExpressionProblem, Name, Slice, names
-from heavebond.text.shapes import Lengths
+from heavebond.text.shapes import Lengths, Shape, indexed
 
+Result = TypeVar("Result")
 # der(der(x)) is as far as a component's own text goes; index reduction differentiates on the flat model
 LEVELS = 3
 BEYOND = 1e-9
@@ -111,23 +113,25 @@ class _Builder:
     def _context(self, index: Mapping[str, int]) -> Context:
         return Context(self._lookup, self._der, {**self.integers, **index}, called=self.called)
 
-    def _lists(self) -> dict[str, int]:
-        """How many elements each list of parameters or variables has: `x` of `x[1]`, `x[2]`."""
-        found: dict[str, int] = {}
-        for name in (*self.parameters, *self.held, *self.component.unknowns):
-            if "[" in name:
-                base = name.partition("[")[0]
-                found[base] = found.get(base, 0) + 1
+    def _lists(self) -> dict[str, Shape]:
+        """The shape of each list of parameters, variables or signals: that of `x` by its last element `x[3]`."""
+        found: dict[str, Shape] = {}
+        for name in (*self.parameters, *self.held, *self.component.signals, *self.component.unknowns):
+            base, bracket, last = name.partition("[")
+            if bracket:
+                rows, _, columns = last[:-1].partition("][")
+                found[base] = (int(rows), int(columns)) if columns else int(rows)
         return found
 
-    def _length(self, name: Name) -> int | None:
-        """How many elements a name means; None for a number."""
-        listed = [part for part in name.parts if not isinstance(part, str)]
-        if listed and isinstance(listed[0], Slice):
-            low, high = (int(float(evaluate(bound, self.context))) for bound in (listed[0].low, listed[0].high))
-            return max(1, high - low + 1)
+    def _length(self, name: Name) -> Shape:
+        """The shape of what a name means; None for a number."""
         head = name.parts[0]
-        return None if listed or not isinstance(head, str) else self.arrays.get(head) or self.lists.get(head)
+        shape = (self.arrays.get(head) or self.lists.get(head)) if isinstance(head, str) else None
+        return None if shape is None else indexed(shape, name, self._size)
+
+    def _size(self, part: Slice) -> int:
+        low, high = (int(float(evaluate(bound, self.context))) for bound in (part.low, part.high))
+        return max(1, high - low + 1)
 
     def _count(self, expr: Expr) -> int:
         context = Context(self._lookup_nothing, lambda x: x, self.integers)
@@ -171,8 +175,11 @@ class _Builder:
             text = f"{head}.{self.domains[self.bound[port]].role(member)}"
         if text in self.levels[0]:
             return self.levels[0][text]
-        if text in self.lists:
-            return stack(self._lookup(f"{text}[{k + 1}]", name) for k in range(self.lists[text]))
+        if isinstance(shape := self.lists.get(text), tuple):
+            return ca.vertcat(*(ca.horzcat(*(self._lookup(f"{text}[{i + 1}][{j + 1}]", name) for j in range(shape[1])))
+                                for i in range(shape[0])))
+        if shape is not None:
+            return stack(self._lookup(f"{text}[{k + 1}]", name) for k in range(shape))
         if head in self.arrays:
             return stack(self._lookup(f"{head}[{k + 1}].{member}", name) for k in range(self.arrays[head]))
         raise ExpressionProblem("name-unknown", f"'{name.text}' is not known here", name.column, name.length,
@@ -184,7 +191,9 @@ class _Builder:
         inputs are held still to find a steady start)."""
         low = stack([s for level in self.levels[:-1] for s in level.values()])
         high = stack([s for level in self.levels[1:] for s in level.values()])
-        return ca.jtimes(expression, low, high) + ca.jtimes(expression, self.time, self.rate)
+        column = ca.vec(expression)
+        rate = ca.jtimes(column, low, high) + ca.jtimes(column, self.time, self.rate)
+        return ca.reshape(rate, expression.shape)
 
     def _evaluated(self, tree: Expr, place: Place, build: Callable[[Expr, Context], ca.SX] = evaluate) -> ca.SX:
         try:
@@ -200,24 +209,28 @@ class _Builder:
             constant = self._constants({*known, equation.each[0]} if equation.each else known)
             for index in self._indices(equation.each, equation.place):
                 self.context = self._context(index)
-                number = self._number_of(equation)
+                shape = self._shape_of(equation)
                 left = self._evaluated(equation.tree.left, equation.place)
                 right = self._evaluated(equation.tree.right, equation.place)
                 kink = nonsmooth(equation.tree.left, constant) or nonsmooth(equation.tree.right, constant)
-                lines += [Line(equation.label if number is None else f"{equation.label}, element {k + 1}",
-                               equation.text.strip(), equation.place, kink) for k in range(number or 1)]
-                residuals.append(left - right)  # a plain 0 is a list of zeros
+                lines += [Line(equation.label + which, equation.text.strip(), equation.place, kink)
+                          for which in _elements(shape)]
+                residuals.append(ca.vec((left - right).T))  # row by row; a plain 0 is a list of zeros
         self.context = self._context({})
         return lines, residuals
 
-    def _number_of(self, equation: EquationLine) -> int | None:
-        """How many equations of numbers an equation of vectors is; None for one of numbers."""
+    def _shape_of(self, equation: EquationLine) -> Shape:
+        """The shape of an equation; None for one of numbers."""
         if not self.lists and not self.arrays:
             return None
+        return self._shaped(lambda lengths: lengths.equation(equation.tree), equation.place)
+
+    def _shaped(self, ask: Callable[[Lengths], Result], place: Place) -> Result:
+        """What the shapes of the elements tell; ModelError where they do not fit."""
         try:
-            return Lengths(self._length, exact=True).equation(equation.tree)
+            return ask(Lengths(self._length, exact=True))
         except ExpressionProblem as problem:
-            where = equation.place.moved(problem.column, problem.length)
+            where = place.moved(problem.column, problem.length)
             raise ModelError([Problem(problem.code, problem.message, where, problem.hint)]) from None
 
     @staticmethod
@@ -238,7 +251,7 @@ class _Builder:
         stacked = stack(residuals)
         entries = classify(stacked, stack(arguments), {s.element_hash() for s in self.parameters.values()},
                            self._bounds())
-        truths = [self._evaluated(r.tree, r.place) for r in self.component.requires]
+        truths = [self._number(r) for r in self.component.requires]
         events, happenings = self._events()
         return Template(
             tuple(self.levels[0]), tuple(self.parameters), tuple(self.held), tuple(lines),
@@ -293,7 +306,20 @@ class _Builder:
                 stores]
 
     def _optional(self, formula: Formula | None) -> ca.SX:
-        return ca.SX(0) if formula is None else self._evaluated(formula.tree, formula.place)
+        return ca.SX(0) if formula is None else self._number(formula)
+
+    def _number(self, formula: Formula) -> ca.SX:
+        """A formula that is one number, its vectors and matrices compared."""
+        if self.lists or self.arrays:
+            self._shaped(lambda lengths: lengths.number(formula.tree, "the formula"), formula.place)
+        return self._evaluated(formula.tree, formula.place)
+
+
+def _elements(shape: Shape) -> list[str]:
+    """What the label of each element of an equation ends with."""
+    if isinstance(shape, tuple):
+        return [f", element {i + 1}, {j + 1}" for i in range(shape[0]) for j in range(shape[1])]
+    return [""] if shape is None else [f", element {k + 1}" for k in range(shape)]
 
 
 def held_interval(variable: Variable) -> Interval:

@@ -97,7 +97,7 @@ class Look:
 def symbol_picture(component: Component) -> str:
     """The symbol of a component with its ports named, as the text of an SVG file; a box with its ports where it has none."""
     shape = symbol(component)
-    ports = {**{p.name: p.domain for p in component.ports.values()}, **dict.fromkeys(component.signals, "signal")}
+    ports = {**{p.name: p.domain for p in component.ports.values()}, **dict.fromkeys(component.signal_names, "signal")}
     if shape is None:
         shape = box("", component.name, _sides(component))
         labels: list[Lettering] = []

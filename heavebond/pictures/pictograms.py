@@ -105,7 +105,7 @@ def symbol(component: Component) -> Shape | None:
                      suggest(component.symbol, known) or f"A symbol is a file: {beside / 'NAME.svg'}. In the library: "
                      f"{listing(known, 60)}.")
     shape = _read(path, path.stat().st_mtime_ns)
-    missing = [p for p in (*component.ports, *component.signals) if not shape.of(p)]
+    missing = [p for p in (*component.ports, *component.signal_names) if not shape.of(p)]
     if missing:
         raise _wrong("symbol-port", f"the symbol '{component.symbol}' has no place for {listing(missing)} of "
                      f"{component.name}", component.place, "Its places: " + listing(dict.fromkeys(

@@ -85,7 +85,9 @@ def marked_places(expanded: Expanded, names: Mapping[str, str]) -> dict[str, str
 def _marked_place(expanded: Expanded, name: str) -> str:
     node = name.removeprefix(NODE)
     if _is_further(node):
-        node = f"{node.rpartition('[')[0]}[1]"
+        owner, dot, last = node.rpartition(".")
+        base, _, indices = last.partition("[")
+        node = owner + dot + base + "[1]" * (1 + indices.count("["))
     if node in expanded.junctions and (node != name or node not in expanded.leaves):
         return NODE + node
     ports = [*expanded.ports, *expanded.signals]
@@ -113,7 +115,8 @@ def _around(path: str) -> list[str]:
 
 def _is_further(node: str) -> bool:
     """Whether a node is that of the second or a later element of whole arrays: `bonds[2]`."""
-    return node.endswith("]") and not node.endswith("[1]")
+    _, _, indices = node.rpartition(".")[2].partition("[")
+    return bool(indices) and set(indices[:-1].split("][")) != {"1"}
 
 
 def _owner(path: str) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from heavebond.core.presentation import number, unit_label
 from heavebond.core.writable import write_text
-from heavebond.language.definition import Component, Domain, EquationLine, Parameter, SearchRange, Variable
+from heavebond.language.definition import Component, Domain, EquationLine, Parameter, SearchRange, SignalPort, Variable
 from heavebond.language.library import bundled, called_functions, example, library
 from heavebond.pictures.drawing import symbol_picture
 from heavebond.text.expression import Equation, Function, Name
@@ -139,12 +139,20 @@ def _ports(component: Component, domains: dict[str, Domain]) -> list[str]:
         members = _members(port.name, domain) if domain else "effort and flow of the domain it is wired to"
         rows.append((f"`{port.name}`", (port.domain if domain else "any") + count, members, _prose(port.doc)))
         powers.add(_power_of(domain) if domain else "effort times flow")
-    rows += [(f"`{s.name}`", f"signal {s.direction}", _unit(s.unit.text), _prose(s.doc))
+    rows += [(f"`{s.name}`", f"signal {s.direction}{_size(s)}", _unit(s.unit.text), _prose(s.doc))
              for s in component.signals.values()]
     lines = _table(("port", "kind", "variables", "meaning"), rows)
     if powers:
         lines += ["", f"The power into the component at a port is {' or '.join(sorted(powers))}."]
     return lines
+
+
+def _size(item: SignalPort | Parameter | Variable) -> str:
+    """`, n` of a vector, `, n x m` of a matrix."""
+    if item.count is None:
+        return ""
+    columns = "" if item.columns is None else rf" \times {formula_tex(item.columns)}"
+    return f", ${formula_tex(item.count)}{columns}$"
 
 
 def _members(port: str, domain: Domain) -> str:
@@ -213,7 +221,7 @@ def _energy(component: Component) -> list[str]:
 
 
 def _parameters(component: Component) -> list[str]:
-    rows = [(f"`{p.name}`", f"${symbol_tex(p.name)}$", "whole" if p.integer else _unit(p.unit.text), _default(p),
+    rows = [(f"`{p.name}`", f"${symbol_tex(p.name)}$", "whole" if p.integer else _unit(p.unit.text) + _size(p), _default(p),
              _bounds(p.low, p.high), _prose(p.doc)) for p in component.parameters.values()]
     return _table(("parameter", "", "unit", "default", "bounds", "meaning"), rows)
 
@@ -234,7 +242,7 @@ def _bounds(low: float | None, high: float | None) -> str:
 
 def _variables(component: Component) -> list[str]:
     return _table(("variable", "", "unit", "meaning"), [
-        (f"`{v.name}`", f"${symbol_tex(v.name)}$", _unit(v.unit.text), _prose(v.doc) + _held(v))
+        (f"`{v.name}`", f"${symbol_tex(v.name)}$", _unit(v.unit.text) + _size(v), _prose(v.doc) + _held(v))
         for v in component.variables.values()])
 
 

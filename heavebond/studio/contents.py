@@ -72,7 +72,7 @@ def port_entries(expanded: Expanded, network: Network, drawn: Drawn) -> dict[str
             if port.startswith(":"):
                 continue  # a node inside of a block that reaches out of it
             base, path = port.partition("[")[0], f"{item.part.path}.{port}"
-            signal = leaf.component.signals.get(base)
+            signal = leaf.component.signal(base)
             domain = "signal" if signal else network.domains.get(leaf.path, {}).get(base, "")
             found.setdefault(item.part.path, []).append({
                 "name": port, "path": path, "domain": domain, "direction": signal.direction if signal else "",

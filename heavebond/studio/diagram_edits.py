@@ -369,10 +369,10 @@ def _port_facts(diagram: Diagram, path: str) -> tuple[str, bool]:
     part, _, port = path.partition(".")
     leaf = diagram.expanded.leaves.get(part)
     base = port.partition("[")[0]
-    if leaf is None or (base not in leaf.component.ports and base not in leaf.component.signals):
+    if leaf is None or (base not in leaf.component.ports and base not in leaf.component.signal_names):
         raise UsageError([Problem("port-unknown", f"there is no port '{path[:100]}'")])
-    if base in leaf.component.signals:
-        return SIGNAL, leaf.component.signals[base].direction == "out"
+    if (signal := leaf.component.signal(base)) is not None:
+        return SIGNAL, signal.direction == "out"
     found = leaf.component.ports[base].domain
     return ("" if found.startswith("$") else found) or diagram.network.domains.get(part, {}).get(base, ""), False
 

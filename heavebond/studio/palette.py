@@ -40,7 +40,7 @@ def _of_library(name: str) -> Entry:
 
 
 def _brief(component: Component) -> Entry:
-    ports = {**{p.name: p.domain for p in component.ports.values()}, **dict.fromkeys(component.signals, "signal")}
+    ports = {**{p.name: p.domain for p in component.ports.values()}, **dict.fromkeys(component.signal_names, "signal")}
     return {"name": component.name, "summary": component.summary, "svg": symbol_picture(component), "ports": ports,
             "parameters": {name: _unit(p) for name, p in component.parameters.items()},
             "inputs": [name for name, port in component.signals.items() if port.direction == "in"]}

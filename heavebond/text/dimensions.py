@@ -123,7 +123,7 @@ def _call(expr: Call, lookup: Lookup) -> Dimension | None:
         return ANY if first is ANY else times(first, SECOND, -1)
     if name == "sqrt":
         return ANY if first is ANY else times(ONE, first, Fraction(1, 2))
-    if name in ("abs", "sum"):
+    if name in ("abs", "sum", "transpose"):
         return first
     if name in ("symmetric", "definite", "semidefinite"):
         return TRUTH

@@ -6,8 +6,9 @@
     product    = unary (('*'|'/') unary)*
     unary      = '-' unary | power
     power      = atom ('**' unary)?
-    atom       = number [unit] | name ('.' name | '[' sum ['..' sum] ']')* | function '(' ... ')' ['.' name]
+    atom       = number [unit] | name ('.' name | '[' index (',' index)* ']')* | function '(' ... ')' ['.' name]
                | '(' formula ')'
+    index      = sum ['..' sum]
 
 Units after a number (`2 * 460 L/min`) are understood in diagrams only; component equations know declared names, plain
 numbers and a bare 0.
@@ -52,7 +53,7 @@ from heavebond.text.tokens import Token, tokens
 FUNCTIONS = {
     "der": 1, "sqrt": 1, "exp": 1, "log": 1, "sin": 1, "cos": 1, "tan": 1, "tanh": 1, "asin": 1, "acos": 1, "atan": 1,
     "abs": 1, "sign": 1, "floor": 1, "min": 2, "max": 2, "smooth_sign": 2, "signed_sqrt": 2, "if_else": 3, "uniform": 2,
-    "sum": 1, "dot": 2, "cross": 2, "symmetric": 1, "definite": 1, "semidefinite": 1,
+    "sum": 1, "dot": 2, "cross": 2, "transpose": 1, "symmetric": 1, "definite": 1, "semidefinite": 1,
 }
 # arguments as they are written in messages
 USAGE = {"min": "min(a, b)", "max": "max(a, b)", "smooth_sign": "smooth_sign(v, v_t)", "uniform": "uniform(seed, i)",
@@ -256,6 +257,9 @@ class _Parser:
         while self.peek().text in (".", "["):
             if self.take().text == "[":
                 parts.append(self._index())
+                while self.peek().text == ",":  # of a matrix
+                    self.take()
+                    parts.append(self._index())
                 self.expect("]", "a `]` is missing", "Each `[` needs a `]`.")
             else:
                 follower = self.take()

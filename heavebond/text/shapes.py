@@ -1,8 +1,9 @@
-"""Lengths of lists in expressions: which equation is one of numbers, and which of vectors.
+"""Shapes of expressions: which equation is one of numbers, which of vectors, and which of matrices.
 
-A list without an index is a vector of its elements, `x[2..n]` one of some of them. Vectors of one length are added, and
-multiplied and divided by numbers; `dot`, `cross` and `sum` take vectors. A product of two vectors is written out by what is
-meant: `dot`, `cross`, or element by element with `each`.
+A list without an index is a vector of its elements, `x[2..n]` one of some of them; `K[i, 1..m]` is a row of a matrix as a
+vector. What has one shape is added, and multiplied and divided by numbers; a matrix is multiplied by a vector and by a
+matrix. `dot`, `cross` and `sum` take vectors. A product of two vectors is written out by what is meant: `dot`, `cross`, or
+element by element with `each`.
 """
 
 from __future__ import annotations
@@ -26,18 +27,39 @@ from heavebond.text.expression import (
     SumOver,
 )
 
-Length = Callable[[Name], int | None]  # of a name: its number of elements, None for a number
+Shape = int | tuple[int, int] | None  # number of elements of a vector, rows and columns of a matrix, None for a number
+Length = Callable[[Name], Shape]
 ELEMENTS = "Write an index, as in `x[1]`, or `each i in 1..n:` for an equation of every element."
+SQUARE = ("symmetric", "definite", "semidefinite")
+
+
+def elements(shape: Shape) -> int:
+    """How many numbers a shape has."""
+    return 1 if shape is None else shape if isinstance(shape, int) else shape[0] * shape[1]
+
+
+def indexed(shape: Shape, name: Name, size: Callable[[Slice], int]) -> Shape:
+    """The shape of what a name with indices means, of a list or matrix of that shape; `size` is that of a slice."""
+    listed = [part for part in name.parts if not isinstance(part, str)]
+    if not listed:
+        return shape
+    if (len(listed) == 2) != isinstance(shape, tuple) and shape is not None:
+        raise ExpressionProblem("list-index", f"'{name.parts[0]}' is {shape_text(shape, exact=False)}; "
+                                f"{'two indices are' if isinstance(shape, tuple) else 'one index is'} needed", name.column,
+                                name.length, "Write `K[i, j]`, `K[i, 1..m]` for a row, or `K[1..n, j]` for a column."
+                                if isinstance(shape, tuple) else "Write for example `x[1]`.")
+    kept = [size(part) for part in listed if isinstance(part, Slice)]
+    return None if not kept else kept[0] if len(kept) == 1 else (kept[0], kept[1])
 
 
 class Lengths:
-    """Lengths of expressions, with those of names; `exact` is False where whole numbers are not known yet."""
+    """Shapes of expressions, with those of names; `exact` is False where whole numbers are not known yet."""
 
     def __init__(self, length: Length, *, exact: bool):
         self.length, self.exact = length, exact
 
-    def equation(self, equation: Equation) -> int | None:
-        """The length of an equation; ExpressionProblem where its sides differ. A plain 0 is a list of zeros."""
+    def equation(self, equation: Equation) -> Shape:
+        """The shape of an equation; ExpressionProblem where its sides differ. A plain 0 has any shape."""
         left, right = self.of(equation.left), self.of(equation.right)
         if _zero(equation.left) or _zero(equation.right):
             return left if left is not None else right
@@ -46,11 +68,11 @@ class Lengths:
     def number(self, expr: Expr, what: str) -> None:
         """ExpressionProblem where a list stands for a number."""
         if (found := self.of(expr)) is not None:
-            raise ExpressionProblem("list-number", f"{what} is a number; this is {_text(found, self.exact)}", _start(expr),
-                                    hint="Write an index, as in `x[1]`, or `sum(x)`, `dot(x, y)`.")
+            raise ExpressionProblem("list-number", f"{what} is a number; this is {shape_text(found, self.exact)}",
+                                    _start(expr), hint="Write an index, as in `x[1]`, or `sum(x)`, `dot(x, y)`.")
 
-    def of(self, expr: Expr) -> int | None:
-        """The length of an expression, None for a number; ExpressionProblem where lists are joined that do not fit."""
+    def of(self, expr: Expr) -> Shape:
+        """The shape of an expression, None for a number; ExpressionProblem where lists are joined that do not fit."""
         if isinstance(expr, Name):
             for part in expr.parts:
                 if not isinstance(part, str):
@@ -78,13 +100,18 @@ class Lengths:
             assert isinstance(expr, Number)
         return None
 
-    def _binary(self, expr: Binary) -> int | None:
+    def _binary(self, expr: Binary) -> Shape:
         left, right = self.of(expr.left), self.of(expr.right)
         if expr.op in "+-":
             if _zero(expr.left) or _zero(expr.right):
                 return left if left is not None else right
             return self._same(left, right, f"'{expr.op}' joins", expr.column)
+        if expr.op == "*" and isinstance(left, tuple) and right is not None:
+            return self._product(left, right, expr.column)
         if (right is not None and (left is not None or expr.op != "*")) or (left is not None and expr.op == "**"):
+            if expr.op == "*" and isinstance(right, tuple):
+                raise ExpressionProblem("list-product", "a vector stands on the left of a matrix", expr.column, 1,
+                                        "Write the matrix first, `K*x`, or `transpose(K)*x`.")
             what = "a product of two lists" if expr.op == "*" else "a quotient by a list" if expr.op == "/" else \
                 "a power of a list"
             raise ExpressionProblem("list-product", f"{what} has more than one meaning", expr.column, len(expr.op),
@@ -92,7 +119,15 @@ class Lengths:
                                     "element.")
         return left if left is not None else right
 
-    def _call(self, expr: Call) -> int | None:
+    def _product(self, left: tuple[int, int], right: int | tuple[int, int], column: int) -> Shape:
+        """A matrix times a vector or a matrix."""
+        inner = right if isinstance(right, int) else right[0]
+        if self.exact and left[1] != inner:
+            raise ExpressionProblem("list-length", f"a product of {shape_text(left)} and {shape_text(right)}", column, 1,
+                                    "The matrix on the left has as many columns as what it multiplies has rows.")
+        return left[0] if isinstance(right, int) else (left[0], right[1])
+
+    def _call(self, expr: Call) -> Shape:
         lengths = [self.of(arg) for arg in expr.args]
         name = expr.function
         if name == "der":
@@ -102,19 +137,16 @@ class Lengths:
                 raise ExpressionProblem("sum-form", "sum is written `sum(... for i in 1..n)`, or over a list or an array of "
                                         "ports", _start(expr.args[0]))
             return None
-        if name in ("symmetric", "definite", "semidefinite"):
-            if lengths[0] is None:
-                raise ExpressionProblem("list-number", f"{name} takes a square matrix, its rows one after the other in a "
-                                        "list", _start(expr.args[0]), hint="Declare it with `count: n*n`.")
+        if name == "transpose":
+            if not isinstance(found := lengths[0], tuple):
+                raise ExpressionProblem("list-number", f"transpose takes a matrix; this is {shape_text(found, self.exact)}",
+                                        _start(expr.args[0]), hint="Declare it with `count: [n, m]`.")
+            return found[1], found[0]
+        if name in SQUARE:
+            self._square(expr, lengths[0])
             return None
         if name in ("dot", "cross"):
-            for arg, length in zip(expr.args, lengths, strict=True):
-                if length is None or (name == "cross" and self.exact and length != 3):
-                    raise ExpressionProblem("list-number", f"{name} takes two lists{' of 3' if name == 'cross' else ''}; "
-                                            f"this is {_text(length, self.exact)}", _start(arg),
-                                            hint="Declare it with `count: 3`." if name == "cross" else ELEMENTS)
-            found = self._same(lengths[0], lengths[1], f"{name} joins", expr.column)
-            return found if name == "cross" else None
+            return self._vectors(expr, lengths)
         if name == "if_else":
             self.number(expr.args[0], "the condition of if_else")
             if _zero(expr.args[1]) or _zero(expr.args[2]):
@@ -124,20 +156,47 @@ class Lengths:
             self.number(arg, f"the argument of {name}")
         return None
 
-    def _same(self, left: int | None, right: int | None, what: str, column: int) -> int | None:
-        if left == right or (not self.exact and left is not None and right is not None):
-            return left if left is None or right is None else max(left, right)
-        raise ExpressionProblem("list-length", f"{what} {_text(left, self.exact)} and {_text(right, self.exact)}", column,
-                                hint=ELEMENTS if left is None or right is None else "Lists of one length are joined; "
-                                "`x[1..3]` is a part of one.")
+    def _square(self, expr: Call, shape: Shape) -> None:
+        """A square matrix, or its rows one after the other in a list."""
+        if shape is None or (self.exact and isinstance(shape, tuple) and shape[0] != shape[1]):
+            raise ExpressionProblem("list-number", f"{expr.function} takes a square matrix; this is "
+                                    f"{shape_text(shape, self.exact)}", _start(expr.args[0]),
+                                    hint="Declare it with `count: [n, n]`.")
+
+    def _vectors(self, expr: Call, shapes: list[Shape]) -> Shape:
+        """dot and cross."""
+        name = expr.function
+        for arg, shape in zip(expr.args, shapes, strict=True):
+            if not isinstance(shape, int) or (name == "cross" and self.exact and shape != 3):
+                raise ExpressionProblem("list-number", f"{name} takes two lists{' of 3' if name == 'cross' else ''}; "
+                                        f"this is {shape_text(shape, self.exact)}", _start(arg),
+                                        hint="Declare it with `count: 3`." if name == "cross" else ELEMENTS)
+        found = self._same(shapes[0], shapes[1], f"{name} joins", expr.column)
+        return found if name == "cross" else None
+
+    def _same(self, left: Shape, right: Shape, what: str, column: int) -> Shape:
+        if left == right:
+            return left
+        if not self.exact and isinstance(left, int) and isinstance(right, int):
+            return max(left, right)
+        if not self.exact and isinstance(left, tuple) and isinstance(right, tuple):
+            return max(left[0], right[0]), max(left[1], right[1])
+        raise ExpressionProblem("list-length", f"{what} {shape_text(left, self.exact)} and {shape_text(right, self.exact)}",
+                                column, hint=ELEMENTS if left is None or right is None else
+                                "Lists of one length are joined; `x[1..3]` is a part of one.")
 
 
 def _zero(expr: Expr) -> bool:
     return isinstance(expr, Number) and expr.value == 0
 
 
-def _text(length: int | None, exact: bool) -> str:
-    return "a number" if length is None else f"a list of {length}" if exact else "a list"
+def shape_text(shape: Shape, exact: bool = True) -> str:
+    """A shape in words."""
+    if shape is None:
+        return "a number"
+    if isinstance(shape, int):
+        return f"a list of {shape}" if exact else "a list"
+    return f"a matrix of {shape[0]} x {shape[1]}" if exact else "a matrix"
 
 
 def _start(expr: Expr) -> int:

@@ -153,6 +153,8 @@ class _Names:
         if expr.function in ("dot", "cross"):
             sign = r"\cdot" if expr.function == "dot" else r"\times"
             return f"{self.of(expr.args[0], _POWER)} {sign} {self.of(expr.args[1], _POWER)}", _PRODUCT
+        if expr.function == "transpose":
+            return rf"{self.of(expr.args[0], _ATOM)}^\mathsf{{T}}", _POWER
         if expr.function == "sum":  # over a list or an array of ports
             whole = isinstance(expr.args[0], Name) and all(isinstance(part, str) for part in expr.args[0].parts)
             return rf"\sum_i {self._name(expr.args[0], '_i')}" if whole and isinstance(expr.args[0], Name) else \
@@ -181,6 +183,8 @@ class _Names:
         for part in name.parts:
             if isinstance(part, str):
                 words.append(part)
+            elif words[-1].endswith("]"):
+                words[-1] = f"{words[-1][:-1]},{self.of(part)}]"
             else:
                 words[-1] += f"[{self.of(part)}]"
         if len(words) == 1:

@@ -1,0 +1,142 @@
+"""Arrays in a diagram: vectors given to inputs, matrices given row by row in one list, and parts of arrays on wires."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from heavebond.language.definition import Component, FileInput, Value
+from heavebond.language.lists import whole_number
+from heavebond.language.sections import NamedOutput
+from heavebond.text.expression import Expr, ExpressionProblem, Name, Number, Slice, parse_formula
+
+if TYPE_CHECKING:
+    from heavebond.equations.expand import Leaf
+
+
+def by_elements(settings: Mapping[str, Value | FileInput], component: Component) -> dict[str, Value | FileInput]:
+    """What is given to a part, by elements: a matrix in one list (`[1, 0, 0, 1]`) by rows and columns."""
+    matrices = {name: p for name, p in component.parameters.items() if p.columns is not None and f"{name}[1]" in settings}
+    found = dict(settings)
+    for name in matrices:
+        flat = [key for key in settings if key.startswith(f"{name}[") and "][" not in key]
+        columns = _columns(name, settings, component, len(flat))
+        if columns and len(flat) % columns == 0:
+            for k, key in enumerate(flat):
+                found[f"{name}[{k // columns + 1}][{k % columns + 1}]"] = found.pop(key)
+    return found
+
+
+def _columns(name: str, settings: Mapping[str, Value | FileInput], component: Component, number: int) -> int:
+    """How many columns a matrix has of which all elements stand in one list: what is told, else those of a square one."""
+    parameter = component.parameters[name]
+    known = {n: whole for n, p in component.parameters.items() if p.integer
+             and isinstance(value := settings.get(n, p.default), Value)
+             and (whole := whole_number(value.expr, {})) is not None}
+    assert parameter.columns is not None
+    told = whole_number(parameter.columns, known)
+    return told if told else round(number**0.5)
+
+
+def array_text(found: Mapping[str, str]) -> str:
+    """The size of an array in words."""
+    last = list(found)[-1].strip("[]").split("][")
+    return f"an array of {last[0]}" if len(last) == 1 else f"a matrix of {last[0]} x {last[1]}"
+
+
+def part_of(own: list[str], inside: str, integers: Mapping[str, int]) -> dict[str, str] | None:
+    """The elements of an array that `1..3`, of a matrix `2, 1..3` means: their indices from 1, and those in the array. An
+    index beyond the array is kept, and told where the elements are compared with it."""
+    try:
+        name = parse_formula(f"x[{inside.replace('][', ',')}]", units=False)
+    except ExpressionProblem:
+        return None
+    ranges = []
+    for part in name.parts[1:] if isinstance(name, Name) else ():
+        if isinstance(part, str):
+            return None
+        low, high = ((part.low, part.high) if isinstance(part, Slice) else (part, part))
+        ends = whole_number(low, integers), whole_number(high, integers)
+        if ends[0] is None or ends[1] is None:
+            return None
+        ranges.append((range(ends[0], ends[1] + 1), isinstance(part, Slice)))
+    found: dict[tuple[int, ...], str] = {(): ""}
+    for numbers, sliced in ranges:
+        found = {(*new, k) if sliced else new: f"{old}[{n}]" for new, old in found.items() for k, n in enumerate(numbers, 1)}
+    return {"".join(f"[{k}]" for k in new): old for new, old in found.items()}
+
+
+def vector_outputs(show: Mapping[str, NamedOutput], leaves: Mapping[str, Leaf], nodes: Callable[[], Container[str]]
+                   ) -> dict[str, NamedOutput]:
+    """Outputs with each that is the name of a vector or matrix (`states: {is: filter.x}`) by its elements, `states[1]`.
+    `nodes` gives the paths of all nodes and of the ports on them."""
+    found: dict[str, NamedOutput] = {}
+    joined = nodes() if any(isinstance(output.expr, Name) for output in show.values()) else ()
+    for name, output in show.items():
+        elements = _elements_of(output.expr, leaves, joined)
+        if elements is None:
+            found[name] = output
+            continue
+        for index, expr in elements.items():
+            found[name + index] = replace(output, name=name + index, expr=expr, text=expr.text)
+    return found
+
+
+def _elements_of(expr: Expr, leaves: Mapping[str, Leaf], nodes: Container[str]) -> dict[str, Name] | None:
+    """The elements of what a name means by their indices; None for anything but a vector or matrix."""
+    if not isinstance(expr, Name):
+        return None
+    if any(isinstance(part, Slice) for part in expr.parts):
+        return _sliced(expr)
+    if not all(isinstance(part, str) for part in expr.parts):
+        return None
+    owner, _, member = expr.text.rpartition(".")
+    leaf = leaves.get(owner)
+    own = {**leaf.component.parameters, **leaf.component.variables, **leaf.component.signals} if leaf is not None else {}
+    indices = [name.removeprefix(member) for name in own if name.startswith(f"{member}[")]
+    if indices:
+        return {index: _with_index(expr, len(expr.parts), index) for index in indices}
+    at = len(expr.parts)
+    if f"{expr.text}[1]" not in nodes and f"{expr.text}[1][1]" not in nodes:
+        at -= 1  # a member of a node of whole arrays: `bonds.e`
+    path = ".".join(str(part) for part in expr.parts[:at])
+    rows, found = 0, dict[str, Name]()
+    while path and (f"{path}[{rows + 1}]" in nodes or f"{path}[{rows + 1}][1]" in nodes):
+        rows, columns = rows + 1, 0
+        if f"{path}[{rows}]" in nodes:
+            found[f"[{rows}]"] = _with_index(expr, at, f"[{rows}]")
+        while f"{path}[{rows}][{columns + 1}]" in nodes:
+            columns += 1
+            found[f"[{rows}][{columns}]"] = _with_index(expr, at, f"[{rows}][{columns}]")
+    return found or None
+
+
+def _sliced(expr: Name) -> dict[str, Name] | None:
+    """The elements of a part of a vector or matrix, counted from 1."""
+    found: dict[tuple[int, ...], tuple[str | Expr, ...]] = {(): ()}
+    for part in expr.parts:
+        if not isinstance(part, Slice):
+            found = {new: (*parts, part) for new, parts in found.items()}
+            continue
+        low, high = whole_number(part.low, {}), whole_number(part.high, {})
+        if low is None or high is None or high < low:
+            return None
+        found = {(*new, k): (*parts, Number(float(n), None, part.column)) for new, parts in found.items()
+                 for k, n in enumerate(range(low, high + 1), 1)}
+    return {"".join(f"[{k}]" for k in new): replace(expr, parts=parts) for new, parts in found.items()}
+
+
+def _with_index(name: Name, at: int, index: str) -> Name:
+    """A name with an index behind its first parts."""
+    numbers = [Number(float(k), None, name.column) for k in index.strip("[]").split("][")]
+    return replace(name, parts=(*name.parts[:at], *numbers, *name.parts[at:]))
+
+
+def shared(value: Value, name: str, element: str) -> Value:
+    """A vector given to an input by its name (`u: =filter.y`), for one of its elements."""
+    expr = value.expr
+    if not isinstance(expr, Name) or any(isinstance(part, Slice) for part in expr.parts):
+        return value
+    numbers = [Number(float(k), None, expr.column) for k in element.removeprefix(name).strip("[]").split("][")]
+    return replace(value, expr=replace(expr, parts=(*expr.parts, *numbers)))
