@@ -17,6 +17,7 @@ async def _view(tab: Tab, message: dict[str, Any]) -> Answer:
     answer = await tab.checker.ask_newest("view", job, opened, patience=HANGS)
     if answer[0] == "done" and tab.document is not None and tab.document.name == job.name:
         tab.others = await asyncio.to_thread(times, answer[1].get("files", []))
+        tab.expect_runs()
     return answer
 
 

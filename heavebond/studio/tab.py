@@ -55,6 +55,10 @@ class Tab:
         for worker in (self.checker, self.runner, self.librarian):
             worker.close()
 
+    def expect_runs(self) -> None:
+        """Start the worker of runs, so that the first one need not wait for it."""
+        self._begin(self.runner.begin())
+
     def _push_job(self, job: LongJob) -> None:
         if self.document is not None and self.document.name == job.name:
             self._begin(self.send({"push": "job", "job": job.entry()}))

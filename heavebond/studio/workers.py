@@ -47,6 +47,12 @@ class Worker:
         async with self._turn:
             return SUPERSEDED if self._newest is not ticket else await self._do(task, given)
 
+    async def begin(self) -> None:
+        """Start the process before it is needed, as that takes a while."""
+        async with self._turn:
+            if self._process is None:
+                await asyncio.to_thread(self._start)
+
     async def _do(self, task: str, given: tuple[Any, ...]) -> Answer:
         self.stopped, self._since = False, time.monotonic()
         try:

@@ -86,6 +86,7 @@ class Studio {
       if (event.altKey && event.key === "t") { event.preventDefault(); this.toggleText(); }
       if (event.altKey && event.key === "h") { event.preventDefault(); void this.home(); }
       if (event.altKey && event.key === "l" && this.document) { event.preventDefault(); this.palette.toggle(); }
+      if (event.key === "/" && !mod && !event.altKey && this.edits.possible && !this.typing(event.target) && !document.querySelector("dialog[open]")) { event.preventDefault(); this.palette.toggle(true); }
       if (mod && !this.typing(event.target)) {
         const key = event.key.toLowerCase();
         if (key === "z" && !event.shiftKey) { event.preventDefault(); this.editor.undo(); }

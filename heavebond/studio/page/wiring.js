@@ -58,7 +58,7 @@ export class Wiring {
   names(parts) {
     for (const found of this.layer?.querySelectorAll(".port-name") ?? []) found.remove();
     for (const port of parts.length ? this.ports.values() : []) {
-      if (parts.includes(port.path.split(".")[0])) this.layer?.append(...port.at.map((/** @type {any[]} */ [x, y, side]) => this.label(port.name, x, y, side)));
+      if (!port.value && parts.includes(port.path.split(".")[0])) this.layer?.append(...port.at.map((/** @type {any[]} */ [x, y, side]) => this.label(port.name, x, y, side)));
     }
   }
 
