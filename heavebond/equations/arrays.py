@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from heavebond.language.definition import Component, FileInput, Value
 from heavebond.language.lists import whole_number
 from heavebond.language.sections import NamedOutput
 from heavebond.text.expression import Expr, ExpressionProblem, Name, Number, Slice, parse_formula
-
-if TYPE_CHECKING:
-    from heavebond.equations.expand import Leaf
 
 
 def by_elements(settings: Mapping[str, Value | FileInput], component: Component) -> dict[str, Value | FileInput]:
@@ -67,14 +63,14 @@ def part_of(own: list[str], inside: str, integers: Mapping[str, int]) -> dict[st
     return {"".join(f"[{k}]" for k in new): old for new, old in found.items()}
 
 
-def vector_outputs(show: Mapping[str, NamedOutput], leaves: Mapping[str, Leaf], nodes: Callable[[], Container[str]]
-                   ) -> dict[str, NamedOutput]:
+def vector_outputs(show: Mapping[str, NamedOutput], part: Callable[[str], Component | None],
+                   nodes: Callable[[], Container[str]]) -> dict[str, NamedOutput]:
     """Outputs with each that is the name of a vector or matrix (`states: {is: filter.x}`) by its elements, `states[1]`.
-    `nodes` gives the paths of all nodes and of the ports on them."""
+    `part` gives the component at a path, `nodes` the paths of all nodes and of the ports on them."""
     found: dict[str, NamedOutput] = {}
     joined = nodes() if any(isinstance(output.expr, Name) for output in show.values()) else ()
     for name, output in show.items():
-        elements = _elements_of(output.expr, leaves, joined)
+        elements = _elements_of(output.expr, part, joined)
         if elements is None:
             found[name] = output
             continue
@@ -83,7 +79,7 @@ def vector_outputs(show: Mapping[str, NamedOutput], leaves: Mapping[str, Leaf], 
     return found
 
 
-def _elements_of(expr: Expr, leaves: Mapping[str, Leaf], nodes: Container[str]) -> dict[str, Name] | None:
+def _elements_of(expr: Expr, part: Callable[[str], Component | None], nodes: Container[str]) -> dict[str, Name] | None:
     """The elements of what a name means by their indices; None for anything but a vector or matrix."""
     if not isinstance(expr, Name):
         return None
@@ -92,8 +88,8 @@ def _elements_of(expr: Expr, leaves: Mapping[str, Leaf], nodes: Container[str]) 
     if not all(isinstance(part, str) for part in expr.parts):
         return None
     owner, _, member = expr.text.rpartition(".")
-    leaf = leaves.get(owner)
-    own = {**leaf.component.parameters, **leaf.component.variables, **leaf.component.signals} if leaf is not None else {}
+    component = part(owner)
+    own = {**component.parameters, **component.variables, **component.signals} if component is not None else {}
     indices = [name.removeprefix(member) for name in own if name.startswith(f"{member}[")]
     if indices:
         return {index: _with_index(expr, len(expr.parts), index) for index in indices}

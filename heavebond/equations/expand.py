@@ -118,7 +118,7 @@ def expand_as_far(model: Model) -> tuple[Expanded, Problems]:
     opener = _Opener(model)
     opener.top()
     opener.arrays()
-    show = vector_outputs(model.show, opener.leaves, lambda: {
+    show = vector_outputs(model.show, opener.component, lambda: {
         *opener.junctions, *(end.name for junction in opener.junctions.values() for end in junction.ends)})
     if len(show) != len(model.show):
         model = replace(model, show=show)
@@ -177,6 +177,11 @@ class _Opener:
             hint = suggest(path, choices) or (f"What can be set: {listing(choices, 20)}." if choices else
                                               "Its value at the start stands under `initial:`.")
             self.problems.add("setting-unknown", message, setting.place, hint=hint)
+
+    def component(self, path: str) -> Component | None:
+        """The component at a path."""
+        leaf = self.leaves.get(path)
+        return None if leaf is None else leaf.component
 
     # -- one level -------------------------------------------------------------------------------------------------
     def _body(self, body: Body, prefix: str, owner: Component | None, integers: dict[str, int],
