@@ -15,7 +15,7 @@ import heavebond as hb
 from benchmarks.floor import Floor, NoFloor
 from benchmarks.measuring import SETTLE, Figure, at_most, duration, paired, spoken
 from heavebond.numerics.idas import integrator_options
-from heavebond.numerics.machine_code import compiled, compiler
+from heavebond.numerics.machine_code import compiler, with_compiled_equations
 from heavebond.numerics.simulator import Tolerances
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ class Heave:
         self.simulator, self.assembly = self.simulated(assembly), assembly
         dae = self.simulator.integrand.dae
         # compiled, as that of the simulator is after some runs
-        self.same = (compiled if compiler() else lambda make: make({}))(lambda more: ca.integrator(
+        self.same = (with_compiled_equations if compiler() else lambda make: make({}))(lambda more: ca.integrator(
             "same", "idas", dae, 0, times, {**integrator_options(dae, TOLERANCES), **more}))
         first = self.simulator.run()
         self.x0 = first.x[:, 0] / assembly.x_nominal

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 HERE = Path(__file__).parent
 TOLERANCES = Tolerances(1e-6, 1e-8)
 PAIRS = 5  # of integrations and of whole ways alike
+SETTLE = 12.0  # after so many seconds of calls the equations are compiled
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ def figures() -> list[Figure]:
         flat, times = large.flat(large.size), first.time
         integrator = large.by_hand(flat, times)
         x0, p = first.x[:, 0] / simulator.assembly.x_nominal, simulator.integrand.hoist(first.p, np.zeros((len(first.p), 0)))
-        warm = paired(partial(simulator.integrator, x0=x0, p=p), partial(integrator, x0=flat.x0), PAIRS)
+        warm = paired(partial(simulator.integrator, x0=x0, p=p), partial(integrator, x0=flat.x0), PAIRS, SETTLE)
         whole = paired(lambda large=large: large.simulator(large.size).run(),  # type: ignore[misc]
                        partial(large.whole_by_hand, large.size, times), PAIRS)
         found.append(Figure(f"{large.what} ({flat.x.numel()} states): integration / hand-written CasADi", spoken(warm)))

@@ -8,11 +8,15 @@ and their arithmetic are the same, and so are the results, to the last bit.
 
 from __future__ import annotations
 
+import ctypes
+import os
 import shutil
+import sys
 import tempfile
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from threading import Thread
 from typing import Any
 
 import casadi as ca
@@ -23,6 +27,7 @@ COMPILERS = ("gcc", "clang", "cc")
 # Of the equations of a model: -O2 gains a few percent for a quarter more time; with the arithmetic as it is written, results
 # are the same to the last bit.
 FLAGS = ("-O1", "-ffp-contract=off")
+CLONE_FS = 0x200  # of Linux: what a thread no longer shares with the others, its current folder among it
 MACHINE_CODE, LISTED = "machine code", "list of operations"  # how equations are evaluated, in the statistics of a run
 Made = Callable[[Mapping[str, Any]], ca.Function]  # an integrator with these options besides its own
 
@@ -34,14 +39,14 @@ class CompilingConstants:
     seconds: time to compile a small function. Origin: measured, gcc 12. Doubled: searches of half a second to one second
         stay with the list of operations.
     seconds_per_operation: time to compile an operation. Origin: measured, at -O1. Doubled: as above, for large models.
-    max_operations: operations up to which functions are compiled. Origin: a compiler takes more than proportional time
-        and memory for a function of a hundred thousand. Doubled: compilations of a minute.
+    max_operations: operations up to which functions are compiled. Origin: measured up to 63 000 (10 s, 350 MB); a compiler
+        takes more than proportional time and memory for longer functions. Doubled: compilations of a minute.
     timeout: seconds after which the compiler is ended, where this program starts it. Origin: a bound. Doubled: nothing.
     """
 
     seconds: float = 0.1
     seconds_per_operation: float = 1.5e-4
-    max_operations: int = 50_000
+    max_operations: int = 100_000
     timeout: float = 120.0
 
 
@@ -61,12 +66,44 @@ def worthwhile(seconds: float, operations: int) -> bool:
 
 
 def compiled(make: Made, flags: Sequence[str] = FLAGS) -> ca.Function:
-    """What `make` builds, as machine code; RuntimeError where the compiler fails."""
-    with tempfile.TemporaryDirectory(prefix="heavebond_", ignore_cleanup_errors=True) as folder:
-        # the library is in memory once it is loaded: CasADi need not look after the files, the folder goes here
-        return make({"jit": True, "compiler": "shell", "jit_cleanup": False,
-                     "jit_options": {"compiler": compiler(), "linker": compiler(), "flags": list(flags),
-                                     "directory": f"{folder}/", "cleanup": False}})
+    """What `make` builds, as machine code; RuntimeError where the compiler fails. (For methods that CasADi translates as a
+    whole.)"""
+    with _folder() as folder:
+        return make(_options(folder, flags))
+
+
+def with_compiled_equations(make: Made) -> ca.Function:
+    """The integrator that `make` builds, its equations as machine code; RuntimeError where the compiler fails, and where the
+    system does not let a thread have a current folder of its own: CasADi writes the C program of the equations there."""
+    found: list[ca.Function | Exception] = []
+
+    def build(folder: str) -> None:
+        try:
+            if sys.platform != "linux" or ctypes.CDLL(None).unshare(CLONE_FS) != 0:
+                raise RuntimeError("a thread cannot have a current folder of its own")
+            os.chdir(folder)  # of this thread alone
+            found.append(make(_options(folder, FLAGS)))
+        except Exception as error:
+            found.append(error)
+
+    with _folder() as folder:
+        thread = Thread(target=build, args=(folder,))
+        thread.start()
+        thread.join()
+    if isinstance(made := found[0], Exception):
+        raise RuntimeError(str(made))
+    return made
+
+
+def _folder() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="heavebond_", ignore_cleanup_errors=True)
+
+
+def _options(folder: str, flags: Sequence[str]) -> dict[str, Any]:
+    # the library is in memory once it is loaded: CasADi need not look after the files, the folder goes
+    return {"jit": True, "compiler": "shell", "jit_cleanup": False,
+            "jit_options": {"compiler": compiler(), "linker": compiler(), "flags": list(flags), "directory": f"{folder}/",
+                            "cleanup": False}}
 
 
 class Evaluated:
@@ -94,7 +131,7 @@ class Evaluated:
         if compiler() is None:
             return
         try:
-            self._function, self.how = Buffered(compiled(self._make), self._outputs), MACHINE_CODE
+            self._function, self.how = Buffered(with_compiled_equations(self._make), self._outputs), MACHINE_CODE
         except RuntimeError:
             return
 
