@@ -284,12 +284,15 @@ equations
   down = floor (x);
   near = round (x);
   up = ceil (x);
-  inwards = trunc (x);""", "down near up inwards"))
+  multiple = x - (x mod 2);
+  inwards = trunc (x);""", "down near up inwards multiple"))
     times = [0.1, 0.4, 0.7, 0.9, 1.2, 1.9]  # x = -2.6, -1.4, -0.2, 0.6, 1.8, 4.6
     assert at(run, "down", *times) == [-3, -2, -1, 0, 1, 4]
     assert at(run, "near", *times) == [-3, -1, 0, 1, 2, 5]
     assert at(run, "up", *times) == [-2, -1, 0, 1, 2, 5]
     assert at(run, "inwards", *times) == [-2, -1, 0, 0, 1, 4]
+    assert at(run, "multiple", *times) == [-2, 0, 0, 0, 0, 4]
+    assert "multiple = 2*multiple_steps" in (tmp_path / "out" / "components" / "own.yaml").read_text()
 
 
 def test_a_file_of_a_library_is_a_part_of_a_diagram(tmp_path: Path) -> None:

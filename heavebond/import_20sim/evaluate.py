@@ -106,6 +106,8 @@ class Evaluator:
             return Expr("!=", (_number(a), _number(b)))
         if op == "+":
             return f.add(a, b)
+        if op == "-" and b.op == "-" and b.args[0] == a:  # x - x mod y
+            return b.args[1]
         return Expr(op, (a, b))
 
     def _name(self, expr: Expr) -> Matrix:
