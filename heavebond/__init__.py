@@ -28,9 +28,9 @@ if TYPE_CHECKING:
         UsageError,
     )
     from heavebond.diagnosis.attempt import attempt
-    from heavebond.diagnosis.catalogue import candidates
     from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
     from heavebond.diagnosis.ladder import ladder
+    from heavebond.diagnosis.like_places import candidates
     from heavebond.energy.audit import audit
     from heavebond.energy.simplification import simplify
     from heavebond.estimation.comparison import Comparison, compare
@@ -64,7 +64,7 @@ _EXPORTS = {
     "core.errors": ("DataError", "HeavebondError", "ModelError", "RunWarning", "SimulationError", "StartError",
                      "UsageError"),
     "records.saved_runs": ("read_run", "SavedRun"),
-    "diagnosis.catalogue": ("candidates",),
+    "diagnosis.like_places": ("candidates",),
     "estimation.comparison": ("compare", "Comparison"),
     "diagnosis.attempt": ("attempt",),
     "diagnosis.diagnosis": ("diagnose", "Diagnosis"),

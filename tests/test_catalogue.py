@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import load_experiment
 from heavebond.language.library import effect_classes, library, same_class
@@ -44,7 +44,7 @@ effect:
 
 @pytest.fixture(scope="module")
 def found() -> dict[str, list[Candidate]]:
-    return {name: candidates(load_experiment(name)) for name in ("receiver_rig/choked", "passive_rig/friction",
+    return {name: single_candidates(load_experiment(name)) for name in ("receiver_rig/choked", "passive_rig/friction",
                                                                 "cylinder_rig/leakage")}
 
 
@@ -83,9 +83,9 @@ def test_each_way_of_attaching_makes_a_diagram_that_assembles(found: dict[str, l
 
 def test_a_dormant_parameter_that_is_awake_is_not_offered() -> None:
     experiment = load_experiment("cylinder_rig/leakage")
-    labels = {c.label for c in candidates(experiment)}
+    labels = {c.label for c in single_candidates(experiment)}
     awake = experiment.model.with_parameters({"cylinder.leakage": 1e-11})
-    left = {c.label for c in candidates(replace(experiment, model=awake))}
+    left = {c.label for c in single_candidates(replace(experiment, model=awake))}
     assert labels - left == {"Cylinder in cylinder (leakage)"}
 
 
@@ -93,7 +93,7 @@ def test_a_component_beside_the_diagram_takes_part(tmp_path: Path) -> None:
     source = Path(load_experiment("passive_rig/friction").path).parent
     shutil.copytree(source, tmp_path / "rig")
     (tmp_path / "rig" / "square_drag.yaml").write_text(OWN.lstrip(), encoding="utf-8")
-    own = [c for c in candidates(load_experiment(tmp_path / "rig" / "friction.yaml")) if c.component == "SquareDrag"]
+    own = [c for c in single_candidates(load_experiment(tmp_path / "rig" / "friction.yaml")) if c.component == "SquareDrag"]
     assert "SquareDrag between platform and crown" in {c.label for c in own}
     assert {(c.kind, c.vanishes) for c in own} == {("drag of our own", True)}
 
@@ -120,7 +120,7 @@ inputs: {supply.u: {column: u, unit: V, interpolation: hold}}
 outputs: {shaft.w: {column: w, unit: rad/s, noise: 1 rad/s}}
 """, encoding="utf-8")
     experiment = load_experiment(tmp_path / "run.yaml")
-    found = next(c for c in candidates(experiment)
+    found = next(c for c in single_candidates(experiment)
                  if c.label == "RotationalStribeckFriction between shaft and the surroundings")
     values = assemble_for(found.change.on_experiment(experiment), experiment.records["run"]).parameter_values
     assert {n.name for n in found.numbers} <= set(values)
@@ -167,7 +167,7 @@ time: {column: t, unit: s}
 outputs: {delivery.p: {column: p, unit: bar, noise: 0.1 bar}}
 """)
     experiment = load_experiment(tmp_path / "measured.yaml")
-    added = next(c for c in candidates(experiment) if c.label == label).change.on_experiment(experiment).model
+    added = next(c for c in single_candidates(experiment) if c.label == label).change.on_experiment(experiment).model
     steady = simulate(loads(RUNNING))[shown]
     assert np.ptp(steady) < 1e-6 * steady[0]  # what the integrator leaves
     assert simulate(added)[shown] == pytest.approx(steady, rel=tolerance)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from heavebond.diagnosis.calibration_errors import is_calibration_error
-from heavebond.diagnosis.catalogue import candidates
+from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
 from heavebond.estimation.experiment import load_experiment
 from heavebond.language.model import load
@@ -68,7 +68,7 @@ def diagnosed(folder: Path, *, offset: str = "0 mm", friction: str = "") -> Diag
 
 def test_calibration_errors_are_offsets_and_gains() -> None:
     experiment = load_experiment("receiver_rig/choked")
-    found = [c for c in candidates(experiment) if is_calibration_error(c, experiment)]
+    found = [c for c in single_candidates(experiment) if is_calibration_error(c, experiment)]
     assert {c.component for c in found} == {"SensorOffset", "SensorGain"}  # no drift, no dead band, no lag
     assert {c.attaches for c in found} == {"input", "channel"}
 

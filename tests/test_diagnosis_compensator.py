@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.diagnosis.compensator import CASES, LEAKAGE, made
 from heavebond.diagnosis.attempt import attempt
-from heavebond.diagnosis.catalogue import candidates
+from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
 from heavebond.diagnosis.scoring import scored
 from heavebond.diagnosis.stage import fitted_base, make_stage
@@ -41,7 +41,7 @@ def test_leakage_inside_a_block_is_found_beside_the_other_effects_of_its_block(t
 
 def test_effects_are_tried_on_nodes_inside_blocks(tmp_path: Path) -> None:
     experiment, _ = made(replace(CASES["friction passive"], seconds=2), tmp_path)
-    there = {(c.component, frozenset(c.where)) for c in candidates(experiment)}
+    there = {(c.component, frozenset(c.where)) for c in single_candidates(experiment)}
     assert ("LaminarLeakage", frozenset({"ahc.chamber_a", "ahc.chamber_b"})) in there
     assert ("CoulombFriction", frozenset({"drilling.hook", "drilling.bit"})) in there
     assert ("SeriesCompliance", frozenset({"falls", "drilling"})) in there
@@ -61,7 +61,7 @@ def test_what_the_integrator_errs_by_is_no_effect(tmp_path: Path) -> None:
     """No force goes through the encoder, so that a compliance before it changes nothing but the steps of a run."""
     experiment, _ = made(replace(CASES["friction"], seconds=12, rate=10), tmp_path)
     base = fitted_base(experiment)
-    candidate = next(c for c in candidates(experiment) if c.label == "SeriesCompliance between crown and encoder.a")
+    candidate = next(c for c in single_candidates(experiment) if c.label == "SeriesCompliance between crown and encoder.a")
     found = scored(base, candidate)
     assert found
     assert not any(s.told_apart for s in found)

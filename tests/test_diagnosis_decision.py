@@ -10,7 +10,7 @@ import pytest
 
 from heavebond.core.cancellation import clear_signal, time_limit
 from heavebond.diagnosis.adequacy import Adequacy
-from heavebond.diagnosis.catalogue import candidates
+from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.confidence_set import block_length, confidence_set, resampled
 from heavebond.diagnosis.diagnosis import diagnose
 from heavebond.diagnosis.predictive_errors import FITTED, SELECTION, TEST, Series, binned, cross_validated, predictive_errors
@@ -151,6 +151,6 @@ def test_the_time_is_one_for_the_whole_search() -> None:
 @pytest.mark.parametrize(("covered", "decided"), [(0.95, True), (0.5, False), (float("nan"), False)])
 def test_a_curve_decides_only_where_it_covers_the_held_out_motion(base: Base, covered: float, decided: bool) -> None:
     """Also where no variable of the curve can be looked up, so that its cover cannot be told."""
-    curve = next(filter(None, (begun(base, c) for c in candidates(base.problem.experiment) if c.vanishes)))
+    curve = next(filter(None, (begun(base, c) for c in single_candidates(base.problem.experiment) if c.vanishes)))
     assert curve is not None
     assert Adequacy(0.83, curve, covered=covered).decided is decided

@@ -13,7 +13,7 @@ from diagrams import CART_RIG
 
 from heavebond.diagnosis import verdict
 from heavebond.diagnosis.attempt import attempt
-from heavebond.diagnosis.catalogue import candidates
+from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.ladder import AddedEffect
 from heavebond.diagnosis.stage import Stage, following, make_stage, refitted_beside, single
 from heavebond.estimation.experiment import Experiment, load_experiment
@@ -75,7 +75,7 @@ def test_a_range_that_ends_before_the_truth_is_told_and_names_nothing_for_sure(
     (tmp_path / "components").mkdir()
     (tmp_path / "components" / "eddy_brake.yaml").write_text(BRAKE.replace("RANGE", sought))
     given = measured(tmp_path, "{is: EddyBrake, F_m: 2 N, v_c: 0.1 m/s}", ("", "b", "a"))
-    brake = next(c for c in candidates(given) if c.component == "EddyBrake" and set(c.where) == {"rail", "load"})
+    brake = next(c for c in single_candidates(given) if c.component == "EddyBrake" and set(c.where) == {"rail", "load"})
     (trial,) = single(given, brake, lambda text: None).trials
     assert trial.beyond == beyond
     rung: Any = SimpleNamespace(chi2_fit=1.0, chi2_held_out=1.0, samples_held_out=300,
@@ -99,7 +99,7 @@ def test_what_the_first_effect_may_be_is_judged_beside_a_sensor_s_offset(tmp_pat
     nearly as well as the spring; beside the offset the spring leaves noise and the stops do not, wherever the search for
     these ended there."""
     given = measured(tmp_path, "{is: CubicSpring, c_3: 8000 N/m**3, l0: 0 m}", ("a", "b", ""), offset=0.02)
-    between = {(c.component, c.place): c for c in candidates(given)}
+    between = {(c.component, c.place): c for c in single_candidates(given)}
     spring, stop = (_only(given, between[law, "between base and load"]) for law in ("CubicSpring", "EndStop"))
     offset = between["SensorOffset", "before foot.u"]
     assert min(t.chi2_fit for t in (*spring.trials, *stop.trials)) > 10

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from heavebond.diagnosis.catalogue import candidates
+from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.refit import Refit, begun, followed
 from heavebond.diagnosis.refit_schedule import planned
 from heavebond.diagnosis.scoring import Base, scored, searched
@@ -74,7 +74,7 @@ def recorded(folder: Path, rig: str, experiment: str, truth: Equations, states: 
 def refitted(path: Path, label: str) -> Refit:
     """One candidate after its refit."""
     base = fitted_base(load_experiment(path))
-    candidate = next(c for c in candidates(base.problem.experiment) if c.label == label)
+    candidate = next(c for c in single_candidates(base.problem.experiment) if c.label == label)
     guesses = scored(base, candidate)
     first = begun(base, candidate, guesses)
     assert first is not None
@@ -167,7 +167,7 @@ def test_what_the_integrator_errs_by_is_no_missing_effect(tmp_path: Path) -> Non
     base = fitted_base(problem.experiment)
     assert not base.rough
     assert base.cost < 1.2 * SAMPLES  # 800 samples: 1 +- 0.05 each
-    scores = [score for c in candidates(problem.experiment) for score in scored(base, c)
+    scores = [score for c in single_candidates(problem.experiment) for score in scored(base, c)
               if c.label in ("Unbalance on shaft", "CubicTorsionSpring between frame and shaft")]
     assert scores and max(score.gain for score in scores) < 20  # 4.5 standard deviations
 
@@ -190,7 +190,7 @@ def test_every_class_has_its_turn_before_any_has_a_second_one(tmp_path: Path) ->
                     {"train": 50.0, "check": 30.0}, 0.2, 1e3)
     base = fitted_base(load_experiment(path))
     wanted = ("dry friction", "quadratic damping", "constant force")
-    found = [c for c in candidates(base.problem.experiment) if c.kind in wanted and c.component != "LuGreFriction"]
+    found = [c for c in single_candidates(base.problem.experiment) if c.kind in wanted and c.component != "LuGreFriction"]
     jobs, *_ = planned([score for c in found for score in scored(base, c)], {})
     kinds = [c.kind for c, _ in jobs]
     assert set(kinds[:3]) == set(wanted) and kinds.count("dry friction") > 1

@@ -108,7 +108,7 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
         return step(at.effects, "ABCD")
 
     monkeypatch.setattr(stepwise_selection, "following", lambda made: made.chosen.experiment)
-    monkeypatch.setattr(stepwise_selection, "all_candidates", lambda at: [trial("", e).candidate for e in "ABCD"])
+    monkeypatch.setattr(stepwise_selection, "candidates", lambda at: [trial("", e).candidate for e in "ABCD"])
     monkeypatch.setattr(stepwise_selection, "single", lambda at, candidate, say: step(at.effects, [candidate.label]))
     way, _ = select_stepwise(experiment(""), stepping, lambda text: None, most, lambda: left)  # type: ignore[arg-type]
     return "".join(added.candidate.label for added in way), made

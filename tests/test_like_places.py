@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond.diagnosis.catalogue import Candidate, candidates
-from heavebond.diagnosis.like_places import all_candidates, beyond_their_members
+import heavebond as hb
+from heavebond.diagnosis.catalogue import Candidate, single_candidates
+from heavebond.diagnosis.like_places import beyond_their_members, candidates
 from heavebond.diagnosis.scoring import motion_ranges, scored
 from heavebond.diagnosis.stage import fitted_base, single
 from heavebond.estimation.experiment import Experiment, load_experiment
@@ -63,7 +64,7 @@ def chain(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
 
 
 def joint(experiment: Experiment, component: str) -> list[Candidate]:
-    return [c for c in all_candidates(experiment) if c.members and c.component == component]
+    return [c for c in candidates(experiment) if c.members and c.component == component]
 
 
 def test_places_are_alike_where_the_same_kinds_of_parts_meet(chain: Experiment) -> None:
@@ -71,8 +72,10 @@ def test_places_are_alike_where_the_same_kinds_of_parts_meet(chain: Experiment) 
     assert friction.where == ("ground", "front", "rear")  # not between the carts, nor from the foot to the first
     assert friction.members == ("CoulombFriction between ground and front", "CoulombFriction between ground and rear")
     assert [n.name for n in friction.numbers] == ["coulomb_friction.F_c"]
-    assert {c.label for c in candidates(chain)} < {c.label for c in all_candidates(chain)}
+    assert {c.label for c in single_candidates(chain)} < {c.label for c in candidates(chain)}
     assert not joint(chain, "SensorOffset")
+    # as the command does, from the file
+    assert [c.label for c in hb.candidates(chain.path)] == [c.label for c in candidates(chain)]
 
 
 def test_an_identified_curve_at_like_places_is_sought_where_all_of_them_move(chain: Experiment) -> None:
@@ -81,7 +84,7 @@ def test_an_identified_curve_at_like_places_is_sought_where_all_of_them_move(cha
     assert {n.motions for n in held} == {("force_curve_of_speed.v", "force_curve_of_speed_2.v")}
     base = fitted_base(chain)
     ends = motion_ranges(held, base.runs(curve.change, []), base)
-    single = {c.place: c for c in candidates(chain) if c.component == "ForceCurveOfSpeed"}
+    single = {c.place: c for c in single_candidates(chain) if c.component == "ForceCurveOfSpeed"}
     own = [motion_ranges(c.numbers, base.runs(c.change, []), base)
            for c in (single[place] for place in ("between ground and front", "between ground and rear"))]
     spans = [next(iter(found.values())) for found in (ends, *own)]
@@ -100,12 +103,12 @@ def test_it_is_the_machine_with_the_law_at_each_place(chain: Experiment, tmp_pat
 @pytest.mark.parametrize(("rig", "parameter"), [("cylinder_rig/leakage", "leakage")])
 def test_single_places_have_no_like_ones(rig: str, parameter: str) -> None:
     """One cylinder has one leakage."""
-    assert not [c for c in all_candidates(load_experiment(rig)) if c.members and c.name.endswith(f".{parameter}")]
+    assert not [c for c in candidates(load_experiment(rig)) if c.members and c.name.endswith(f".{parameter}")]
 
 
 @pytest.mark.long
 def test_one_amplitude_at_both_places_explains_what_neither_does_alone(chain: Experiment) -> None:
-    every = {c.label: c for c in all_candidates(chain) if c.component == "CoulombFriction"}
+    every = {c.label: c for c in candidates(chain) if c.component == "CoulombFriction"}
     (both,) = (c for c in every.values() if c.members)
     left = {label: single(chain, every[label], lambda text: None).trials[0] for label in (both.label, *both.members)}
     assert left[both.label].chi2_fit < 1.2 and left[both.label].chi2_held_out < 1.4

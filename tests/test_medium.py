@@ -10,7 +10,7 @@ import pytest
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import ModelError
-from heavebond.diagnosis.catalogue import candidates
+from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.estimation.experiment import load_experiment
 from heavebond.language.library import library
 from heavebond.reports.summary import summary
@@ -96,7 +96,7 @@ def test_a_fluid_reaches_past_a_cylinder_and_wakes_its_air() -> None:
 def test_air_sleeps_once_in_the_fluid_and_not_in_every_part() -> None:
     experiment = load_experiment("cylinder_rig/leakage")
     filled = replace(experiment, model=experiment.model.with_component("oil", "Fluid", {"a": "chamber_a"}, {}))
-    before, after = ({c.label for c in candidates(e) if "(air)" in c.label} for e in (experiment, filled))
+    before, after = ({c.label for c in single_candidates(e) if "(air)" in c.label} for e in (experiment, filled))
     assert (before, after) == ({"Cylinder in cylinder (air)"}, {"Fluid in oil (air)"})
 
 

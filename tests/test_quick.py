@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from heavebond.core.errors import SimulationError
-from heavebond.diagnosis.catalogue import candidates
+from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.scoring import SEARCH
 from heavebond.estimation import residuals
 from heavebond.estimation.experiment import Experiment, load_experiment
@@ -77,7 +77,7 @@ def test_a_search_without_a_compiler_runs_as_idas_does(rig: Path, between: str, 
 
 def test_a_search_solves_for_algebraic_unknowns(rig: Path) -> None:
     experiment = load_experiment(rig / "spline.yaml")
-    line = next(c for c in candidates(experiment) if c.label == "LineResistance between supply and pump.a")
+    line = next(c for c in single_candidates(experiment) if c.label == "LineResistance between supply and pump.a")
     changed = line.change.with_values({n.name: "1e8 Pa*s/m**3" for n in line.vanishing[:1]}).on_experiment(experiment)
     wrong, own = differences(changed)
     assert own.assembly.algebraic_names

@@ -14,7 +14,7 @@ from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
 from heavebond.diagnosis import refit
-from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.diagnosis import diagnose
 from heavebond.diagnosis.refit import Refit, begun, followed, polished
 from heavebond.diagnosis.scoring import Base, Score, scored
@@ -34,7 +34,7 @@ def test_an_amplitude_is_sought_beyond_what_the_tangent_tells(tmp_path: Path, mo
     truth = next(t for t in TRUTHS["cylinder"] if t.name == "valve leak")
     machine = Hidden(replace(RIGS["cylinder"], seconds=10.0), [truth], "test", tmp_path, 1.0, 0.0)
     base = fitted_base(machine.case([1e-11]).experiment)
-    leak = next(c for c in candidates(base.problem.experiment) if c.label == truth.label)
+    leak = next(c for c in single_candidates(base.problem.experiment) if c.label == truth.label)
     guesses = scored(base, leak)
     assert refit._RefitProblem(base, leak, guesses).ranges["valve.leakage"][1] < 0.5e-11
     found = refitted(base, leak, guesses)
@@ -49,7 +49,7 @@ def test_a_close_comparison_goes_beyond_an_end_that_nobody_declared(tmp_path: Pa
     truth = next(t for t in TRUTHS["receiver"] if t.name == "leak in")
     machine = Hidden(replace(RIGS["receiver"], seconds=20.0), [truth], "test", tmp_path, 1.0, 0.0)
     base = fitted_base(machine.case([4e-10]).experiment)
-    leak = next(c for c in candidates(base.problem.experiment) if c.label == truth.label)
+    leak = next(c for c in single_candidates(base.problem.experiment) if c.label == truth.label)
     guesses, number = scored(base, leak), leak.numbers[0].name
     monkeypatch.setattr(refit, "WIDE", 2.0)  # the leak is four times what would move the channels by the misfit
     with monkeypatch.context() as at_once:
@@ -86,7 +86,7 @@ def test_an_amplitude_that_no_score_moves_stays_neutral(tmp_path: Path) -> None:
     truth = next(t for t in TRUTHS["passive"] if t.name == "end stop")
     machine = Hidden(replace(RIGS["passive"], seconds=10.0), [truth], "test", tmp_path, 1.0, 0.0)
     base = fitted_base(machine.plain)
-    stop = next(c for c in candidates(machine.plain) if c.label == truth.label)
+    stop = next(c for c in single_candidates(machine.plain) if c.label == truth.label)
     guesses = [s for s in scored(base, stop) if s.along == ("end_stop.c",)]
     found = refitted(base, stop, guesses)
     assert found is not None
@@ -103,7 +103,7 @@ def test_slack_is_what_a_fit_to_all_samples_takes_away(tmp_path: Path) -> None:
     short = {n: replace(r, end=11.0) if r.use == "fit" else r for n, r in records.items()}
     base = fitted_base(replace(machine.plain, records=short))
     both = fitted_base(replace(machine.plain, records={n: replace(r, use="fit") for n, r in short.items()}))
-    leak = next(c for c in candidates(base.problem.experiment) if c.label == truth.label)
+    leak = next(c for c in single_candidates(base.problem.experiment) if c.label == truth.label)
     found, joint = (refitted(at, leak, scored(at, leak)) for at in (base, both))
     assert found is not None and joint is not None
     found = polished(base, found, scored(base, leak))

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from heavebond.diagnosis import refit_schedule, scoring
-from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.equivalent_values import equivalent_values
 from heavebond.diagnosis.scoring import Base, Score, scored, searched
 from heavebond.diagnosis.verdict import acting_as_values
@@ -34,7 +34,7 @@ def problem() -> Residuals:
 
 
 def _candidate(problem: Residuals, label: str) -> Candidate:
-    return next(c for c in candidates(problem.experiment) if c.label == label)
+    return next(c for c in single_candidates(problem.experiment) if c.label == label)
 
 
 def _residuals(base: Base, candidate: Candidate, amplitude: float) -> Array:
@@ -208,7 +208,7 @@ def test_a_tangent_is_no_error_of_algebraic_unknowns(tmp_path: Path) -> None:
 
 def test_laws_with_other_shapes_are_not_the_same_machine() -> None:
     direction = np.array([1.0, 0.0])
-    candidate = next(iter(candidates(load_experiment("receiver_rig/choked"))))
+    candidate = next(iter(single_candidates(load_experiment("receiver_rig/choked"))))
     plain = Score(candidate, {}, 9.0, 1.0, np.zeros(0), 1.0, 1.0, direction)
     for shapes, alike in (({}, True), ({"s_0": 1.0, "s_1": 2.0}, False)):
         other = Score(candidate, shapes, 9.0, 1.0, np.zeros(0), 1.0, 1.0, direction)

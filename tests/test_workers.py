@@ -14,7 +14,7 @@ import pytest
 
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.candidate_workers import Workers
-from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.diagnosis import diagnose
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.scoring import Base, Score, scored
@@ -31,7 +31,7 @@ def base() -> Base:
 
 @pytest.fixture(scope="module")
 def chosen(base: Base) -> list[Candidate]:
-    return [c for c in candidates(base.problem.experiment) if c.label in CHOSEN]
+    return [c for c in single_candidates(base.problem.experiment) if c.label in CHOSEN]
 
 
 def refitted(workers: Workers, jobs: Sequence[tuple[Candidate, Sequence[Score]]]) -> dict[str, Refit]:

@@ -28,7 +28,7 @@ from benchmarks.diagnosis.judging import SECONDS, told
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS, Rig
 from benchmarks.diagnosis.truths import Truth
-from heavebond.diagnosis.catalogue import candidates
+from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.identity import INEXACT, STRONG
 from heavebond.diagnosis.residual_tests import DRAWS, LEVELS
 from heavebond.diagnosis.scoring import Score, scored
@@ -58,7 +58,8 @@ def predicted(rig: Rig) -> list[dict[str, object]]:
     with tempfile.TemporaryDirectory() as folder:
         case = Hidden(rig, (), f"{rig.name}/detectability", Path(folder), share=0.0).case()
         base = fitted_base(case.experiment)
-        scores = [s for c in candidates(case.experiment) if c.kind != UNKNOWN for s in scored(base, c) if s.told_apart]
+        scores = [s for c in single_candidates(case.experiment) if c.kind != UNKNOWN
+                  for s in scored(base, c) if s.told_apart]
     directions = np.array([s.direction for s in scores])
     seen = chance(directions, np.array([s.signed for s in scores]), LEVELS["score"]) + MARGIN
     return [_row(rig, s, scores, directions, seen, len(base.r)) for s in scores if s.candidate.vanishes]

@@ -14,7 +14,7 @@ import pandas as pd
 from benchmarks.diagnosis.rigs import TRAIN, VALIDATE, Rig
 from benchmarks.diagnosis.truths import Draw, Truth
 from heavebond.core.errors import HeavebondError, SimulationError
-from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.scoring import Base
 from heavebond.estimation.change import Change
 from heavebond.estimation.experiment import Experiment
@@ -93,7 +93,7 @@ class Hidden:
             write(plain.records[name].file, self.base, rig, rig.time, u[::FINE])
         self.plain = plain
         self.seen: dict[str, dict[str, float]] = {}
-        self.found = {c.label: c for c in candidates(plain)} if truths else {}
+        self.found = {c.label: c for c in single_candidates(plain)} if truths else {}
 
     def candidate(self, truth: Truth) -> Candidate:
         """The entry of the catalogue that a truth is."""

@@ -24,10 +24,9 @@ def candidates(experiment: str) -> dict[str, object]:
     A component of your own with an `effect:` entry, beside the diagram or in its `components` folder, takes part.
     """
     from heavebond.commands import terminal
-    from heavebond.diagnosis.like_places import all_candidates
-    from heavebond.estimation.experiment import load_experiment
+    from heavebond.diagnosis import like_places
 
-    found = all_candidates(load_experiment(experiment))
+    found = like_places.candidates(experiment)
     ordered = sorted(found, key=lambda c: c.kind)
     rows = [(c.kind if k == 0 or ordered[k - 1].kind != c.kind else "", name_to_type(c), c.place,
              ", ".join(n.name.rpartition(".")[2] for n in c.numbers)) for k, c in enumerate(ordered)]

@@ -118,10 +118,10 @@ def _where(found: Diagnosis, budget: Budget) -> Localization | None:
 def check_classes(experiment: Experiment, classes: tuple[str, ...]) -> None:
     """UsageError for a class that the catalogue does not have for this diagram."""
     from heavebond.core.errors import Problem, UsageError, listing, suggest
-    from heavebond.diagnosis.catalogue import candidates
+    from heavebond.diagnosis.catalogue import single_candidates
     from heavebond.diagnosis.fixed_values import VALUE
 
-    known = sorted({VALUE, *(c.kind for c in candidates(experiment))}) if classes else []
+    known = sorted({VALUE, *(c.kind for c in single_candidates(experiment))}) if classes else []
     for name in classes:
         if name not in known:
             raise UsageError([Problem("class-unknown", f"no effect of class '{name}' fits in this diagram", None,

@@ -18,7 +18,7 @@ from heavebond.core.errors import HeavebondError
 from heavebond.diagnosis.confidence_set import confidence_set
 from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.identity import ALL
-from heavebond.diagnosis.like_places import all_candidates
+from heavebond.diagnosis.like_places import candidates
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.stage import Stage
 from heavebond.estimation.comparison import compare_record
@@ -124,7 +124,7 @@ def _as_good(curve: Refit, named: Refit, misfit: float) -> bool:
 def coverage(curve: Refit, before: Experiment) -> float:
     """The share of the held-out times at which the variable of an identified curve lies inside its range on the fitted
     records; `before` is the experiment without the curve. NaN where it cannot be told."""
-    found = next((c for c in all_candidates(before) if c.label == curve.candidate.label), None)
+    found = next((c for c in candidates(before) if c.label == curve.candidate.label), None)
     variables = list(dict.fromkeys(name for n in (found.numbers if found is not None else ()) for name in n.motions))
     if not variables:
         return float("nan")

@@ -14,7 +14,7 @@ from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.fixed_values import fixed_values
 from heavebond.diagnosis.full_runs import at_fit, confirmed, first_entries, loaded
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry
-from heavebond.diagnosis.like_places import all_candidates
+from heavebond.diagnosis.like_places import candidates
 from heavebond.diagnosis.stage import single
 from heavebond.diagnosis.stepwise_selection import SelectedEffect
 from heavebond.estimation.experiment import Experiment
@@ -51,7 +51,7 @@ def attempt(experiment: Experiment | str | Path, component: str, places: Sequenc
     experiment = loaded(experiment)
     say = progress or (lambda text: None)
     values = [c for c in fixed_values(experiment) if c.name == component]
-    chosen = _named([*all_candidates(experiment), *values], component, places)
+    chosen = _named([*candidates(experiment), *values], component, places)
     base = fit(experiment, progress=say) if experiment.free else None
     rungs = first_entries(experiment, base)
     made = single(at_fit(experiment, base), chosen, say)

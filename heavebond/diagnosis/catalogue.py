@@ -143,8 +143,8 @@ def site_of(experiment: Experiment, assembly: Assembly | None = None) -> Site:
     return Site(experiment, assembly, expanded, connect(expanded, formula_order(expanded)))
 
 
-def candidates(experiment: Experiment, assembly: Assembly | None = None) -> list[Candidate]:
-    """All effects of the catalogue at all places of the diagram of an experiment, in the order of the library.
+def single_candidates(experiment: Experiment, assembly: Assembly | None = None) -> list[Candidate]:
+    """All effects of the catalogue at all single places of the diagram of an experiment, in the order of the library.
 
     `assembly` is the assembled diagram where there is one. Raises ModelError for an invalid diagram or component.
     """

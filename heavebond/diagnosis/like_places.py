@@ -12,20 +12,26 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
-from heavebond.diagnosis.catalogue import Candidate, Site, candidates, fresh, site_of, snake
+from heavebond.diagnosis.catalogue import Candidate, Site, fresh, single_candidates, site_of, snake
 from heavebond.diagnosis.scoring import Score
 from heavebond.estimation.change import Change, Part
-from heavebond.estimation.experiment import Experiment
+from heavebond.estimation.experiment import Experiment, load_experiment
 
 Signature = tuple[object, ...]
 LAWS = ("across", "at", "in series", "in")  # ways to attach that are considered: not sensors, nor replacements
 
 
-def all_candidates(experiment: Experiment) -> list[Candidate]:
-    """The catalogue at all single places, and after it at all like places together."""
+def candidates(experiment: Experiment | str | Path) -> list[Candidate]:
+    """All effects of the catalogue at all places of the diagram of an experiment, in the order of the library, and after
+    them each law at all like places together (`members` are the labels of its single candidates).
+
+    Raises ModelError for an invalid diagram or component, DataError for an experiment that cannot be read.
+    """
+    experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
     site = site_of(experiment)
-    found = candidates(experiment, site.assembly)
+    found = single_candidates(experiment, site.assembly)
     return [*found, *at_like_places(site, found)]
 
 

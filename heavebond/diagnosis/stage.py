@@ -17,11 +17,11 @@ from heavebond.core.errors import SimulationError
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.calibration_errors import is_calibration_error
 from heavebond.diagnosis.candidate_workers import Workers
-from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.equivalent_values import equivalent_values
 from heavebond.diagnosis.fixed_values import fixed_values
 from heavebond.diagnosis.identity import STRONG, Identity, compared, likelihood
-from heavebond.diagnosis.like_places import all_candidates, beyond_their_members
+from heavebond.diagnosis.like_places import beyond_their_members, candidates
 from heavebond.diagnosis.predictive_errors import SELECTION, TEST, PredictiveErrors, predictive_errors
 from heavebond.diagnosis.refit import Refit, bic, refitted_from
 from heavebond.diagnosis.refit_schedule import RefitSchedule, planned
@@ -92,7 +92,7 @@ def make_stage(experiment: Experiment, *, number: int | None = None, seconds: fl
                progress: Progress | None = None, thorough: bool = True) -> Stage:
     """One rung of the ladder. `classes` narrows the catalogue to candidates of these classes. A `thorough` search refits all
     others too where none of those with the largest scores comes near the noise."""
-    found = [c for c in all_candidates(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
+    found = [c for c in candidates(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
     return _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough)
 
 
@@ -100,7 +100,7 @@ def make_curve_stage(experiment: Experiment, *, beside: Candidate | None = None,
                      seconds: float = SECONDS, progress: Progress | None = None) -> Stage:
     """A rung with identified curves only: effects without a name, at single places and, of several places at once, at those
     of the effect `beside`."""
-    found = [c for c in all_candidates(experiment) if c.kind == UNKNOWN
+    found = [c for c in candidates(experiment) if c.kind == UNKNOWN
              and (not c.members or (beside is not None and set(c.where) == set(beside.where)))]
     return _step(experiment, found, number, seconds, progress or (lambda text: None))
 
@@ -108,7 +108,8 @@ def make_curve_stage(experiment: Experiment, *, beside: Candidate | None = None,
 def make_calibration_stage(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS,
                            classes: Sequence[str] = (), progress: Progress | None = None) -> Stage:
     """A rung with calibration errors only: offsets and gains of inputs and channels."""
-    found = [c for c in candidates(experiment) if is_calibration_error(c, experiment) and (not classes or c.kind in classes)]
+    found = [c for c in single_candidates(experiment) if is_calibration_error(c, experiment)
+             and (not classes or c.kind in classes)]
     return _step(experiment, found, number, seconds, progress or (lambda text: None), most=CALIBRATED)
 
 

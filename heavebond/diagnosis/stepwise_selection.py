@@ -23,7 +23,7 @@ from math import inf
 from heavebond.core.cancellation import clear_signal
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.catalogue import Candidate
-from heavebond.diagnosis.like_places import all_candidates
+from heavebond.diagnosis.like_places import candidates
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.residual_tests import is_noise
 from heavebond.diagnosis.stage import Stage, choosing, following, leaders, merit, refitted_beside, simpler_law, single
@@ -207,7 +207,7 @@ def _without(way: Selection, k: int, say: Progress) -> Selection | None:
         wanted, gone = added.candidate, way[k].candidate
         if step is None or not any(_is(t.candidate, wanted, gone) for t in step.trials):
             now = following(found[-1].step) if found else way[0].step.experiment
-            there = next((c for c in all_candidates(now) if _is(c, wanted, gone)), None)
+            there = next((c for c in candidates(now) if _is(c, wanted, gone)), None)
             if there is None:
                 return None
             step = single(now, there, say)
