@@ -16,7 +16,7 @@ from heavebond.equations.places import nodes_of, places_of
 from heavebond.estimation.comparison import compare_record
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.language.model import load, loads
-from heavebond.localise.curves import Samples, Variable, best_curve
+from heavebond.localise.curves import Curve, Design, Variable, best_curve, regression
 from heavebond.localise.kalman_smoother import Unknown
 from heavebond.localise.ltv_model import SourcedRecord, known_of, with_values
 from heavebond.localise.misfit import Localization, localize
@@ -152,7 +152,41 @@ def test_other_effects_are_found_at_their_place_and_by_their_variable(law: str, 
     assert found.missing and best.place.name == "platform-crown"
     assert best.curve is not None and best.curve.variable.formula == variable
     assert best.curve.shape in shapes
-    assert best.curve.r2 > 0.8
+    # a bristle's force is no function of speed and direction: two branches explain part of it
+    assert best.curve.r2 > (0.5 if law == "hysteresis" else 0.9)
+
+
+def test_a_mass_that_is_too_small_is_told_by_the_acceleration(tmp_path: Path) -> None:
+    """The crown has 132 t and not 120 t. In a swell of one frequency a spring of the opposite sign would do as much, with all
+    parameters a standard deviation off: the law of the acceleration alone leaves them where they are."""
+    given = load_experiment("passive_rig/nothing")
+    machine = loads("model: rig\nextends: passive_rig/passive_rig.yaml\ncomponents:\n  crown: {is: Mass, m: 132 t}\n", tmp_path)
+    experiment = measured(tmp_path, replace(given, model=machine), given, 1)
+    best = localize(replace(experiment, records={n: replace(r, end=60.0) for n, r in experiment.records.items()})).suspects[0]
+    assert best.curve is not None and best.curve.variable.formula == "der(crown.v)" and best.curve.shape == "line"
+    slope = (best.curve.y[-1] - best.curve.y[0]) / (best.curve.x[-1] - best.curve.x[0])
+    assert slope == pytest.approx(12e3, rel=0.03)  # of the free curve, whose ends few samples tell
+    assert "an added mass" in best.words
+
+
+@pytest.mark.slow
+def test_the_gain_of_an_integrating_machine_is_not_moved_in_place_of_a_leak(tmp_path: Path) -> None:
+    """A cylinder without a spring: its position is the integral of the flow, whose gain is known to a factor of two."""
+    text = "model: cyl\nextends: cylinder_rig/cylinder_rig.yaml\ncomponents:\n  load_spring: {is: Spring, c: 1e-3 N/m}\n"
+    (tmp_path / "cyl.yaml").write_text(text)
+    given = load_experiment("cylinder_rig/leakage")
+    gain = given.free["valve.q_r"]
+    nominal = gain.range.nominal
+    assert nominal is not None
+    free = {**given.free, "valve.q_r": replace(gain, range=replace(gain.range, low=nominal / 2, high=2 * nominal, nominal=None))}
+    given = replace(given, model=load(tmp_path / "cyl.yaml"), free={n: f for n, f in free.items() if n != "load_spring.c"})
+    leaking = loads("model: leaking\nextends: cyl.yaml\ncomponents:\n  leak: {is: LaminarLeakage, C: 1e-10 m**3/(s*Pa)}\n"
+                    "nodes:\n  chamber_a: [+leak.a]\n  chamber_b: [+leak.b]\n", tmp_path)
+    best = localize(measured(tmp_path, replace(given, model=leaking), given, 1)).suspects[0]
+    assert best.place.name == "chamber_a-chamber_b" and best.curve is not None
+    assert best.curve.variable.formula == "chamber_a.p - chamber_b.p" and best.curve.r2 > 0.95
+    slope = (best.curve.y[-1] - best.curve.y[0]) / (best.curve.x[-1] - best.curve.x[0])
+    assert slope == pytest.approx(1e-10, rel=0.1)
 
 
 def test_the_linear_system_foretells_a_run_with_an_input_and_another_parameter(tmp_path: Path) -> None:
@@ -210,6 +244,15 @@ def test_the_smoother_is_the_batch_estimate(tmp_path: Path) -> None:
     assert smoothed.deviation[:, 0] / size == pytest.approx(np.sqrt(np.diag(spread)), rel=1e-5)
 
 
+def law_of(w: np.ndarray, deviation: float, learn: np.ndarray, *variables: tuple[str, str, np.ndarray]) -> Curve:
+    """The law of a force that is measured itself, with a deviation."""
+    design = Design([Variable(kind, name, name, "m", v, np.gradient(v) > 0) for kind, name, v in variables], learn)
+    whitened = np.concatenate([w[:, None], -design.columns], axis=1)[:, None, :] / deviation
+    curve = best_curve(design, regression(whitened, learn, np.ones(len(w)), np.zeros(0)), learn)
+    assert curve is not None
+    return curve
+
+
 @pytest.mark.parametrize(("law", "shape"), [
     (lambda v: 3 * v, "line"), (lambda v: np.tanh(v / 0.01), "step"), (lambda v: v**3, "cube"),
     (lambda v: np.maximum(v - 0.4, 0), "one-sided above"), (lambda v: np.clip(v, -0.3, 0.3), "saturation"),
@@ -221,20 +264,29 @@ def test_shapes_are_told_from_curves(law: object, shape: str) -> None:
     t = np.linspace(0, 60, 3000)
     v, x = np.sin(t) * np.sin(0.31 * t), np.cos(1.7 * t)
     w = law(v)  # type: ignore[operator]
-    w = w + 0.1 * w.std() * random.standard_normal(len(t))
-    variables = [Variable("position", "x", "x", "m", x, np.gradient(x) > 0),
-                 Variable("across", "v", "v", "m/s", v, np.gradient(v) > 0)]
-    curve = best_curve(variables, Samples(w, np.full(len(t), 0.1), t < 30, np.zeros((len(t), 0)), np.zeros(0)))
-    assert curve is not None and curve.variable.formula == "v"
+    deviation = 0.1 * w.std()
+    curve = law_of(w + deviation * random.standard_normal(len(t)), deviation, t < 30, ("position", "x", x), ("across", "v", v))
+    assert curve.variable.formula == "v"
     assert curve.shape == shape and curve.r2 > 0.95
+
+
+def test_a_step_whose_height_follows_a_pressure_is_told_as_one() -> None:
+    """Seal friction: neither the speed nor the pressure alone explains it, and no side of zero is without it."""
+    random = np.random.default_rng(4)
+    t = np.linspace(0, 60, 3000)
+    v, p = np.sin(t) * np.sin(0.31 * t), 1 + 0.8 * np.cos(1.7 * t)
+    for height, times in ((0.3 + p, ""), (p, "p")):
+        w = height * np.tanh(v / 0.01)
+        curve = law_of(w + 0.1 * random.standard_normal(len(t)), 0.1, t < 30, ("across", "v", v), ("pressure", "p", p))
+        assert curve.variable.formula == "v" and curve.shape == "step" and curve.r2 > 0.95
+        assert curve.times == times and (times or (curve.second is not None and curve.second.formula == "p"))
 
 
 def test_noise_follows_no_variable() -> None:
     t = np.linspace(0, 60, 3000)
     w = np.random.default_rng(3).standard_normal(len(t))
-    v = Variable("across", "v", "v", "m/s", np.sin(t), np.cos(t) > 0)
-    curve = best_curve([v], Samples(w, np.ones(len(t)), t < 30, np.zeros((len(t), 0)), np.zeros(0)))
-    assert curve is not None and curve.r2 < 0.1
+    curve = law_of(w, 0.5, t < 30, ("across", "v", np.sin(t)))
+    assert curve.r2 < 0.1
 
 
 def test_command_tells_draws_and_writes_figures(tmp_path: Path) -> None:

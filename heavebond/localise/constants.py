@@ -40,6 +40,8 @@ class InputEstimationConstants:
         Doubled: fewer variables.
     still: motion of a signal, over its usual size, below which it is constant. Origin: tolerances of runs. Doubled:
         nothing.
+    rate_window: part of its mean period over which the rate of an estimated signal is taken. Origin: cubics are exact to
+        a percent there. Doubled: accelerations with more of the errors of the estimate.
     max_regressors: variables around a place that are tried. Origin: time; they are ordered by nearness. Doubled:
         farther variables are tried.
     """
@@ -62,6 +64,7 @@ class InputEstimationConstants:
     sections: int = 12
     least_r2: float = 0.05
     still: float = 1e-9
+    rate_window: float = 6.0
     max_regressors: int = 14
 
 

@@ -1,59 +1,30 @@
-"""Regression of an estimated input on one variable, validated on held-out data, with the shape of the curve.
+"""Laws of one or two variables for an unknown input, fitted to what the records show and validated on held-out data.
 
-A curve is piecewise linear between quantiles of its variable, fitted by weighted least squares on the samples for learning;
-its R2 = 1 - sum(rest**2) / sum((w - mean)**2) counts on the others. Beside it stand simple laws (a step, a line, a dead
-band, ...) fitted and tried alike: one that does as well as the free curve, with few numbers, names its shape.
+A law is linear in the coefficients of piecewise linear functions of its variables (of one, or of two with a coefficient at
+each pair of knots). What each of these functions, acting at a place, does to the outputs follows from the linear
+time-varying model (see `kalman_smoother.Unknown.innovations`); so the coefficients are estimated from the outputs
+themselves, together with the free parameters and their prior, and not from an estimated input. With L the sum of squared
+whitened innovations of n held-out samples, L_0 that with the parameters alone,
+
+    R2 = 1 - (L - n) / (L_0 - n)        share of the misfit above the noise that the law takes away.
+
+Beside the free curve stand simple laws (a step, a line, a dead band, ...) fitted and tried alike: one that does as well as
+the free curve, with few numbers, names its shape.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.localise.law_forms import CURVES, FORMS, Form, Kinks, best_kinks, crosses_zero, hats, knots_of
 from heavebond.numerics.dae import Array
 
 Mask = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class CurveConstants:
-    """The constants of the laws that are learnt from an estimated input.
-
-    knots: knots of a free curve. Origin: enough for the shapes that are named. Doubled: rougher curves.
-    correlated_samples: samples over which the errors of an estimated force are correlated. Origin: smoothed estimates
-        are correlated. Doubled: fewer significant curves.
-    seen: share of samples that must lie within the fitted stretch for a score. Origin: below, few samples decide.
-        Doubled: fewer curves are scored.
-    step_width: width of a step, over the span of its variable, on either side of zero. Origin: resolution of an
-        estimate. Doubled: steep lines count as steps.
-    simple_share: share of the variance by which a simple law may leave more than the free curve. Origin: errors of the
-        estimate. Doubled: simpler laws are named.
-    simple_factor: the same as a factor on what the free curve leaves. Origin: as above. Doubled (in its excess over 1):
-        simpler laws.
-    per_number: factor on the variance left by which a law with one number more must be better. Origin: as above.
-        Doubled (in its excess over 1): simpler laws.
-    loop_margin: R2 by which a loop over the speed must beat one over the position. Origin: hysteresis acts over
-        positions. Doubled: fewer loops over speeds.
-    crossed: share of samples on either side of zero from which a variable crosses it. Origin: below, a step at zero
-        cannot be seen. Doubled: fewer steps.
-    """
-
-    knots: int = 16
-    correlated_samples: float = 10.0
-    seen: float = 0.3
-    step_width: float = 0.02
-    simple_share: float = 0.03
-    simple_factor: float = 1.25
-    per_number: float = 1.2
-    loop_margin: float = 0.05
-    crossed: float = 0.05
-
-
-CURVES = CurveConstants()
+Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -69,35 +40,16 @@ class Variable:
     values: Array
     rising: Mask
 
-    def thinned(self, samples: slice) -> Variable:
-        """The same at fewer samples."""
-        return replace(self, values=self.values[samples], rising=self.rising[samples])
-
-
-Kinks = tuple[float, ...]
-Basis = Callable[[Array, float, Kinks], Array]
-
-
-@dataclass(frozen=True)
-class Form:
-    """A simple law w = sum_k a_k basis_k(v, size of v, kinks): `free` counts its numbers, the `kinks` among them; `crossing`
-    tells that it is one only where v takes both signs."""
-
-    name: str
-    basis: Basis
-    free: int
-    kinks: int = 0
-    crossing: bool = False
-
 
 @dataclass(frozen=True)
 class Curve:
-    """The best curve of one variable through w.
+    """The best law of one or two variables for an unknown input.
 
     `r2` is that of the free curve (or of a law, where better) on the samples not learnt from, `shape` the name of the law
     that does as well (or `curve`, or `loop`), `shape_r2` its own; x, y (K,) draw the curve, in a loop its way up, `y_down`
     its way down; `q` are the parameters with which it is so; `scores` the R2 of every variable by its formula, `units`
-    their units; `times` a signal by which the curve is multiplied.
+    their units; `times` a signal by which the curve is multiplied; `second` another variable on which it depends: then
+    y is the curve where that is large and `y_down` where it is small.
     """
 
     variable: Variable
@@ -111,242 +63,256 @@ class Curve:
     y_down: Array = field(default_factory=lambda: np.zeros(0))
     times: str = ""
     units: dict[str, str] = field(default_factory=dict)
+    second: Variable | None = None
 
     @property
     def loop(self) -> bool:
         """Whether it has a branch for each direction of motion."""
-        return bool(self.y_down.size)
-
-
-def hats(v: Array, knots: Array) -> Array:
-    """Piecewise linear basis (N, K): 1 at its knot, 0 at the others, constant beyond the ends."""
-    v = np.clip(v, knots[0], knots[-1])
-    right = np.clip(np.searchsorted(knots, v, side="right"), 1, len(knots) - 1)
-    share = (v - knots[right - 1]) / (knots[right] - knots[right - 1])
-    basis = np.zeros((len(v), len(knots)))
-    rows = np.arange(len(v))
-    basis[rows, right - 1], basis[rows, right] = 1 - share, share
-    return basis
-
-
-def knots_of(v: Array) -> Array:
-    """Quantiles of v, evenly spaced ones among them so that a rarely visited end is not bridged by one line."""
-    low, high = np.quantile(v, [0.002, 0.998])
-    both = np.concatenate([np.quantile(v, np.linspace(0.002, 0.998, CURVES.knots)),
-                           np.linspace(low, high, CURVES.knots // 2)])
-    both = np.sort(both)
-    apart = np.diff(both, prepend=-np.inf) > 5e-3 * (high - low)
-    return np.asarray(both[apart]) if high > low and apart.sum() > 1 else np.array([low - 1.0, low + 1.0])
-
-
-def solved(basis: Array, w: Array, weight: Array, prior: Array | None = None) -> Array:
-    """Weighted least squares; `prior` adds to the diagonal, a trace everywhere so that an empty stretch does no harm."""
-    scaled = basis * weight[:, None]
-    normal = scaled.T @ basis
-    diagonal = 1e-9 * np.trace(normal) / len(normal) + 1e-300
-    normal[np.diag_indices_from(normal)] += diagonal + (0.0 if prior is None else prior)
-    return np.asarray(np.linalg.solve(normal, scaled.T @ w))
+        return self.shape == "loop"
 
 
 @dataclass(frozen=True)
-class Samples:
-    """A force w (N,) with its standard deviation (N,), which samples are learnt from, and how w moves with each parameter
-    (N, k), these being normal with mean 0 and deviation 1; w is that with the parameters at `q` (k,)."""
+class Regression:
+    """Sums of squared whitened innovations as quadratic forms of (1, q, a): `learn` and `other` (1+k+K, 1+k+K) over the
+    samples that are learnt from and the others, `samples` how many these are; q (k,) are the parameters, normal with `mean`
+    and variance 1, a (K,) the coefficients."""
 
-    w: Array
-    deviation: Array
-    learn: Mask
-    moved: Array
-    q: Array
+    learn: Array
+    other: Array
+    samples: tuple[int, int]
+    mean: Array
 
     @property
-    def weight(self) -> Array:
-        """Of each sample; where the records hardly tell w, little."""
-        return np.asarray(1 / (self.deviation**2 + np.median(self.deviation)**2))
+    def k(self) -> int:
+        """The number of parameters."""
+        return len(self.mean)
 
-    def tried(self, basis: Array, where: Mask | None = None) -> tuple[float, Array]:
-        """R2 on the other samples (those in `where`) and the coefficients of a basis (N, K). The variance is that of w as it
-        is or with the parameters at their mean, whichever is less: moving a parameter must not make something to explain."""
-        learn, weight = self.learn, self.weight
-        other = ~learn if where is None else ~learn & where
-        a = solved(basis[learn], self.w[learn], weight[learn])
-        if other.sum() < CURVES.seen * (~learn).sum():
-            return -np.inf, a
-        plain = self.w - self.moved @ self.q
-        total = min(_variance(self.w[other], weight[other]), _variance(plain[other], weight[other]))
-        rest = float(np.average((self.w[other] - basis[other] @ a)**2, weights=weight[other]))
-        return 1 - rest / total if total > 0 else 0.0, a
+    def of(self, index: Index) -> Regression:
+        """With some of the coefficients alone."""
+        kept = np.concatenate([np.arange(1 + self.k), 1 + self.k + index])
+        return replace(self, learn=self.learn[np.ix_(kept, kept)], other=self.other[np.ix_(kept, kept)])
 
-    def with_parameters(self, basis: Array) -> Samples:
-        """The force with the parameters at the values with which a basis tells it best, within their tolerance.
+    def along(self, T: Array) -> Regression:
+        """With coefficients a = T b in place of a."""
+        whole = np.zeros((1 + self.k + T.shape[0], 1 + self.k + T.shape[1]))
+        whole[:1 + self.k, :1 + self.k] = np.eye(1 + self.k)
+        whole[1 + self.k:, 1 + self.k:] = T
+        return replace(self, learn=whole.T @ self.learn @ whole, other=whole.T @ self.other @ whole)
 
-        The rest of the fit, whose errors hang together over some samples, is weighed against what is known of them.
-        """
-        k = self.moved.shape[1]
-        if not k:
-            return self
-        learn, weight = self.learn, self.weight
-        both = np.concatenate([basis, -self.moved], axis=1)[learn]
-        q, prior = np.zeros(k), np.concatenate([np.zeros(basis.shape[1]), np.ones(k)])
+    def solved(self) -> tuple[Array, Array]:
+        """The q (k,) and coefficients that are learnt. The prior of q counts for more where the law leaves more than the
+        noise: what it leaves is correlated, and must not be mended by the parameters."""
+        k = self.k
+        normal, slope = self.learn[1:, 1:], self.learn[1:, 0]
+        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        prior = np.concatenate([np.ones(k), np.zeros(len(scale) - k)])
+        mean = np.concatenate([self.mean, np.zeros(len(scale) - k)])
+        weight, found = 1.0, mean
         for _ in range(3):
-            a = solved(both, self.w[learn], weight[learn], prior)
-            rest = self.w[learn] - both @ a
-            variance = float(weight[learn] @ rest**2 / len(rest))
-            q, prior[-k:] = a[-k:], CURVES.correlated_samples * max(variance, 1e-12)
-        q = np.clip(q, -2.0, 2.0)
-        return replace(self, w=self.w + self.moved @ q, q=q)
+            matrix = (normal + np.diag(weight * prior)) / scale[:, None] / scale + 1e-9 * np.eye(len(scale))
+            found = np.linalg.solve(matrix, (weight * prior * mean - slope) / scale) / scale
+            found[:k] = self.mean + np.clip(found[:k] - self.mean, -2.0, 2.0)
+            left = self._loss(self.learn, found) / max(self.samples[0], 1)
+            weight = 1.0 + CURVES.correlated_samples * max(left - 1.0, 0.0)
+        return found[:k], found[k:]
+
+    def tried(self) -> float:
+        """The loss on the other samples. Parameters that each record has for itself are those that suit it best."""
+        q, a = self.solved()
+        found = np.concatenate([q, a])
+        own = np.flatnonzero(np.diag(self.learn)[1:1 + self.k] == 0)
+        if len(own):
+            normal = self.other[np.ix_(1 + own, 1 + own)] + np.eye(len(own))
+            rest = np.delete(np.arange(len(found)), own)
+            slope = self.other[1 + own, 0] + self.other[np.ix_(1 + own, 1 + rest)] @ found[rest]
+            found[own] = np.linalg.solve(normal, self.mean[own] - slope)
+        return self._loss(self.other, found)
+
+    @staticmethod
+    def _loss(form: Array, found: Array) -> float:
+        full = np.concatenate([[1.0], found])
+        return float(max(full @ form @ full, 0.0))
+
+    def learnt(self) -> float:
+        """The loss on the samples learnt from."""
+        return self._loss(self.learn, np.concatenate(self.solved()))
+
+    @property
+    def misfit(self) -> float:
+        """What the parameters alone leave above the noise, fitted or as they are known, whichever is less: moving a
+        parameter must not make something to explain."""
+        alone = self.of(np.zeros(0, np.int64))
+        return max(min(alone.tried(), self._loss(alone.other, self.mean)) - self.samples[1], 1e-300)
+
+    def r2(self, misfit: float) -> float:
+        """The share of a `misfit` that the law takes away."""
+        return self.share(self.tried(), misfit)
+
+    def share(self, loss: float, misfit: float) -> float:
+        """The share of a `misfit` that is taken away where a `loss` is left."""
+        return float(min(1.0, 1.0 - (loss - self.samples[1]) / misfit))
 
 
-def _variance(w: Array, weight: Array) -> float:
-    return float(np.average((w - np.average(w, weights=weight))**2, weights=weight))
+def regression(innovations: Array, learn: Mask, counts: Array, mean: Array) -> Regression:
+    """From whitened innovations (N, m, 1+k+K), the mask (N,) of samples to learn from and how many values (N,) were measured
+    at each."""
+    parts = [innovations[mask].reshape(-1, innovations.shape[2]) for mask in (learn, ~learn)]
+    return Regression(parts[0].T @ parts[0], parts[1].T @ parts[1], (int(counts[learn].sum()), int(counts[~learn].sum())),
+                      mean)
 
 
-def best_curve(variables: Sequence[Variable], samples: Samples, margin: float = 0.01) -> Curve | None:
-    """The variable whose curve tells w best (the first of those within `margin`); a loop, with a branch for each direction,
-    or a curve times a signal only if it tells clearly more. None where no variable moves."""
-    found = [_free(variable, samples) for variable in variables]
-    if not found:
+class Design:
+    """The functions of the variables at a place: `columns` (N, K) over the samples, and where those of a variable, of its
+    rising branch and of a pair of variables stand. The `knots` of a variable are the `inner` ones, about the samples learnt
+    from, and the ends of all of its motion, so that a named law goes on where a free curve knows nothing."""
+
+    def __init__(self, variables: Sequence[Variable], learn: Mask):
+        self.variables = list(variables)
+        self.inner = [knots_of(v.values[learn]) for v in variables]
+        self.knots = [np.unique([*inner, v.values.min(), v.values.max()]) for v, inner in
+                      zip(variables, self.inner, strict=True)]
+        self.pairs = list(self._pairs())[:CURVES.max_pairs]
+        parts: list[Array] = []
+        self._begin: dict[tuple[int, ...], int] = {}
+        own = [hats(v.values, k) for v, k in zip(variables, self.knots, strict=True)]
+        for i, basis in enumerate(own):
+            self._add(parts, (i,), basis)
+        for i, v in enumerate(variables):
+            if v.kind in ("position", "across"):
+                self._add(parts, (i, i), own[i] * v.rising[:, None])
+        for i, j in self.pairs:
+            other = hats(variables[j].values, self.ends(j))
+            self._add(parts, (i, j), (own[i][:, :, None] * other[:, None, :]).reshape(len(other), -1))
+        self.columns = np.concatenate(parts, axis=1) if parts else np.zeros((len(learn), 0))
+
+    def _add(self, parts: list[Array], key: tuple[int, ...], basis: Array) -> None:
+        self._begin[key] = sum(p.shape[1] for p in parts)
+        parts.append(basis)
+
+    def _pairs(self) -> Iterator[tuple[int, int]]:
+        """Speed, pressure drop or position with what else may act there, the nearest first."""
+        for j, other in enumerate(self.variables):
+            for i, first in enumerate(self.variables):
+                if i != j and first.kind in ("across", "position") and other.kind != "rate" \
+                        and not (first.kind == "position" and other.kind == "across"):
+                    yield i, j
+
+    def ends(self, j: int) -> Array:
+        """The knots of a second variable: its ends and its middle."""
+        values = self.variables[j].values
+        return np.array([values.min(), (values.min() + values.max()) / 2, values.max()])
+
+    def free(self, i: int) -> Array:
+        """The free curve of a variable, in the functions at its knots: constant beyond the samples learnt from."""
+        return hats(self.knots[i], self.inner[i])
+
+    def index(self, *key: int) -> Index:
+        """Where the functions of a variable (i), of its rising branch (i, i) or of a pair (i, j) stand."""
+        size = len(self.knots[key[0]]) * (3 if len(key) == 2 and key[0] != key[1] else 1)
+        return self._begin[key] + np.arange(size)
+
+
+def best_curve(design: Design, found: Regression, learn: Mask) -> Curve | None:
+    """The variable whose curve explains most of the misfit (the first of those that do as well); a loop, with a branch for
+    each direction, or a law of two variables only if it explains clearly more. None where no variable moves."""
+    if not design.variables:
         return None
+    misfit = found.misfit
+    whole = [found.of(design.index(i)) for i in range(len(design.variables))]
+    free = [part.along(design.free(i)) for i, part in enumerate(whole)]
     # of a force that is hardly seen a line tells more than a free curve
-    found = [(replace(c, r2=max(c.r2, s.tried(np.stack([np.ones_like(s.w), c.variable.values], 1))[0])), s)
-             for c, s in found]
-    scores = {curve.variable.formula: curve.r2 for curve, _ in found}
-    units = {variable.formula: variable.unit for variable in variables}
-    best = max(scores.values())
-    curve, settled = next(f for f in found if f[0].r2 >= best - margin)
-    shape, shape_r2 = shape_of(curve.variable.values, samples, settled, curve.r2)
-    curve = replace(curve, r2=max(curve.r2, shape_r2), shape=shape, shape_r2=shape_r2, scores=scores, units=units)
+    lines = [part.along(_line(k)) for part, k in zip(whole, design.knots, strict=True)]
+    losses = [min(part.tried(), line.tried()) for part, line in zip(free, lines, strict=True)]
+    r2 = [found.share(loss, misfit) for loss in losses]
+    scores = {v.formula: score for v, score in zip(design.variables, r2, strict=True)}
+    units = {v.formula: v.unit for v in design.variables}
+    best = next(i for i, loss in enumerate(losses) if loss <= min(losses) + _as_good(min(losses), found.samples[1], misfit))
+    q, a = free[best].solved()
+    variable = design.variables[best]
+    shape, shape_r2 = shape_of(variable, learn, design.knots[best], whole[best], misfit, r2[best])
+    curve = Curve(variable, max(r2[best], shape_r2), shape, shape_r2, design.inner[best], a, q, scores, units=units)
     enough = max(curve.r2, 0.0) + max(0.05, 0.2 * (1 - max(curve.r2, 0.0)))
-    richer = [*_products(variables, samples), *_loops(variables, samples)]
+    richer = [*_of_two(design, found, misfit), *_loops(design, found, misfit)]
     # a loop over the position says the same as one over the speed, and more
-    more = max(richer, key=lambda c: c.r2 - CURVES.loop_margin * (c.loop and c.variable.kind == "across"), default=None)
-    return replace(more, scores=scores, units=units) if more is not None and more.r2 > enough else curve
+    more = max(richer, key=lambda f: f[0].r2 - CURVES.loop_margin * (f[0].loop and f[0].variable.kind == "across"),
+               default=None)
+    if more is None or more[0].r2 <= enough:
+        return curve
+    curve, part, functions = more
+    if functions is not None:
+        knots = next(k for v, k in zip(design.variables, design.knots, strict=True) if v is curve.variable)
+        shape, shape_r2 = shape_of(curve.variable, learn, knots, part, misfit, curve.r2, functions)
+        curve = replace(curve, shape=shape, shape_r2=shape_r2)
+    return replace(curve, scores=scores, units=units)
 
 
-def _free(variable: Variable, samples: Samples, times: Variable | None = None) -> tuple[Curve, Samples]:
-    """The free curve of one variable, times a signal, and the force with the parameters that suit it."""
-    knots = knots_of(variable.values[samples.learn])
-    basis = hats(variable.values, knots)
-    basis = basis * times.values[:, None] if times is not None else basis
-    settled = samples.with_parameters(basis)
-    # beyond the samples learnt from a free curve knows nothing
-    inside = (variable.values >= knots[0]) & (variable.values <= knots[-1])
-    r2, a = settled.tried(basis, inside)
-    name = times.formula if times is not None else ""
-    return Curve(variable, r2, "curve", r2, knots, a, settled.q, {}, times=name), settled
+def _as_good(least: float, samples: int, misfit: float) -> float:
+    """What a variable may leave more than the best, which leaves `least`, and explain as much: where that is noise by its
+    likelihood, elsewhere by its share of the misfit, as no law is exact then."""
+    noise = least <= samples + 3 * np.sqrt(2 * samples)
+    return CURVES.strong + CURVES.inexact * samples if noise else CURVES.exact * misfit
 
 
-def _products(variables: Sequence[Variable], samples: Samples) -> list[Curve]:
-    return [_free(variable, samples, signal)[0] for signal in variables if signal.kind == "signal"
-            for variable in variables if variable.kind in ("across", "pressure")]
+def _line(knots: Array) -> Array:
+    return np.stack([np.ones_like(knots), knots], axis=1)
 
 
-def _loops(variables: Sequence[Variable], samples: Samples) -> list[Curve]:
-    loops = []
-    for variable in variables:
-        knots = knots_of(variable.values[samples.learn])[::2]
-        if variable.kind not in ("position", "across") or len(knots) < 2:
+_Found = tuple[Curve, Regression, Array | None]  # a law, its regression, and the functions of a second variable
+
+
+def _loops(design: Design, found: Regression, misfit: float) -> Iterator[_Found]:
+    for i, variable in enumerate(design.variables):
+        knots, coarse = design.knots[i], design.inner[i][::2]
+        if variable.kind not in ("position", "across") or len(coarse) < 2:
             continue
-        basis, up = hats(variable.values, knots), variable.rising
-        branches = np.concatenate([basis * up[:, None], basis * ~up[:, None]], axis=1)
-        settled = samples.with_parameters(branches)
-        r2, a = settled.tried(branches, (variable.values >= knots[0]) & (variable.values <= knots[-1]))
-        loops.append(Curve(variable, r2, "loop", r2, knots, a[:len(knots)], settled.q, {}, a[len(knots):]))
-    return loops
+        H = hats(knots, coarse)  # the falling branch is the whole less the rising one
+        T = np.block([[np.zeros_like(H), H], [H, -H]])
+        part = found.of(np.concatenate([design.index(i), design.index(i, i)])).along(T)
+        q, a = part.solved()
+        r2 = part.r2(misfit)
+        yield Curve(variable, r2, "loop", r2, coarse, a[:len(coarse)], q, {}, a[len(coarse):]), part, None
 
 
-def shape_of(v: Array, samples: Samples, settled: Samples, r2: float) -> tuple[str, float]:
-    """Of the laws that tell w as well as the free curve does the best, each number in a law counting against it, and its R2;
-    `curve` where none does.
+def _of_two(design: Design, found: Regression, misfit: float) -> Iterator[_Found]:
+    """Curves times a second variable, and curves that change in proportion to it."""
+    for i, j in design.pairs:
+        variable, second, knots, ends = design.variables[i], design.variables[j], design.inner[i], design.ends(j)
+        part, first = found.of(design.index(i, j)), design.free(i)
+        affine = np.stack([np.ones(3), ends / max(float(np.abs(ends).max()), 1e-300)], axis=1)
+        both, product = part.along(np.kron(first, affine)), part.along(np.kron(first, affine[:, 1:]))
+        r2, r2_product = both.r2(misfit), product.r2(misfit)
+        if second.kind != "position" and r2_product >= r2 - 0.01:
+            q, a = product.solved()
+            yield (Curve(variable, r2_product, "curve", r2_product, knots, a, q, {}, times=second.formula), part,
+                   affine[:, 1:])
+        else:
+            q, a = both.solved()
+            drawn = a.reshape(-1, 2) @ affine.T
+            yield Curve(variable, r2, "curve", r2, knots, drawn[:, 2], q, {}, drawn[:, 0], second=second), part, affine
 
-    Kinks are sought first on a coarse grid, then between its points, the parameters moving with them; what is known of
-    these is weighed against the rest that the free curve leaves (`settled`).
-    """
+
+def shape_of(variable: Variable, learn: Mask, knots: Array, found: Regression, misfit: float, r2: float,
+             second: Array | None = None) -> tuple[str, float]:
+    """Of the laws that explain as much as the free curve does the best, each number in a law counting against it, and its
+    R2; `curve` where none does. `second` (3, p) are the functions of a second variable at its knots, by each of which the
+    law is multiplied."""
+    v = variable.values[learn]
     enough = r2 - max(CURVES.simple_share, (CURVES.simple_factor - 1) * (1 - r2))
-    learn, size = samples.learn, float(np.quantile(np.abs(v[samples.learn]), 0.98)) or 1.0
+    size = float(np.quantile(np.abs(v), 0.98)) or 1.0
 
-    weight, k = samples.weight[learn], samples.moved.shape[1]
-    rest = settled.tried(hats(v, knots_of(v[learn])))[1]
-    variance = float(np.mean(weight * (settled.w - hats(v, knots_of(v[learn])) @ rest)[learn]**2))
-
-    def learnt(basis: Array) -> float:
-        both = np.concatenate([basis, -samples.moved], axis=1)[learn]
-        prior = np.concatenate([np.zeros(basis.shape[1]), np.full(k, CURVES.correlated_samples * max(variance, 1e-12))])
-        a = solved(both, samples.w[learn], weight, prior)
-        return -float(weight @ (samples.w[learn] - both @ a)**2 + prior @ a**2)
+    def fitted(form: Form, kinks: Kinks) -> Regression:
+        T = form.basis(knots, size, kinks)
+        return found.along(T if second is None else np.kron(T, second))
 
     good = []
     for form in FORMS:
-        if form.crossing and not _crossed(v[learn], size):
+        if (form.crossing and not crosses_zero(v, size)) or (form.kind and variable.kind != form.kind):
             continue
-        kinks = _kinks(lambda given, form=form: learnt(form.basis(v, size, given)), form.kinks, v[learn])  # type: ignore[misc]
-        basis = form.basis(v, size, kinks)
-        tried = samples.with_parameters(basis).tried(basis)[0]
+        kinks = best_kinks(lambda given, form=form: -fitted(form, given).learnt(), form.kinks, v)  # type: ignore[misc]
+        tried = fitted(form, kinks).r2(misfit)
         if tried >= enough:
-            good.append(((1 - tried) * CURVES.per_number**form.free, tried, form.name))
+            good.append(((CURVES.exact + 1 - tried) * CURVES.per_number**form.free, tried, form.name))
     if not good:
         return "curve", r2
     _, tried, name = min(good)
     return name, tried
-
-
-def _kinks(learnt: Callable[[Kinks], float], count: int, v: Array) -> Kinks:
-    """The kinks (increasing) with which a law is learnt best."""
-    if not count:
-        return ()
-    grid = np.unique(np.concatenate([np.quantile(v, [0.03, 0.1, 0.25, 0.5, 0.75, 0.9, 0.97]),
-                                     np.linspace(np.quantile(v, 0.02), np.quantile(v, 0.98), 7)]))
-    best = max(combinations(grid.tolist(), count), key=learnt)
-    for _ in range(2):
-        step = float(np.max(np.diff(grid))) / 3
-        finer = product(*([k + d * step for d in (-2, -1, 0, 1, 2)] for k in best))
-        best = max((f for f in finer if list(f) == sorted(f)), key=learnt)
-        grid = grid[0] + (grid - grid[0]) / 4
-    return best
-
-
-def _crossed(v: Array, size: float) -> bool:
-    return bool(min(np.mean(v > 0.02 * size), np.mean(v < -0.02 * size)) > CURVES.crossed)
-
-
-def _terms(*terms: Callable[[Array, float, Kinks], Array]) -> Basis:
-    return lambda v, size, kinks: np.stack([np.ones_like(v), *(t(v, size, kinks) for t in terms)], axis=1)
-
-
-def _line(v: Array, size: float, kinks: Kinks) -> Array:
-    return v
-
-
-def _step(v: Array, size: float, kinks: Kinks) -> Array:
-    return np.tanh(v / (CURVES.step_width * size))
-
-
-def _peak(v: Array, size: float, kinks: Kinks) -> Array:
-    return _step(v, size, kinks) * np.exp(-(v / max(abs(kinks[0]), CURVES.step_width * size))**2)
-
-
-def _square(v: Array, size: float, kinks: Kinks) -> Array:
-    return v * np.abs(v)
-
-
-def _cube(v: Array, size: float, kinks: Kinks) -> Array:
-    return (v / size)**3
-
-
-# The laws that are tried, each with a constant: `free` counts their numbers, `crossing` whether they need both signs.
-FORMS = (
-    Form("line", _terms(_line), 2),
-    Form("step", _terms(_step), 2, crossing=True),
-    Form("square", _terms(_square), 2, crossing=True),
-    Form("root", _terms(lambda v, size, kinks: np.sign(v) * np.sqrt(np.abs(v))), 2),
-    Form("cube", _terms(_cube), 2),
-    Form("step and line", _terms(_step, _line), 3, crossing=True),
-    Form("falling step", _terms(_step, _peak), 4, 1, crossing=True),
-    Form("line and square", _terms(_line, _square), 3, crossing=True),
-    Form("line and cube", _terms(_line, _cube), 3),
-    Form("parabola", _terms(_line, lambda v, size, kinks: (v / size)**2), 3),
-    Form("one-sided above", _terms(lambda v, size, kinks: np.maximum(v - kinks[0], 0)), 3, 1),
-    Form("one-sided below", _terms(lambda v, size, kinks: np.maximum(kinks[0] - v, 0)), 3, 1),
-    Form("dead band", _terms(lambda v, size, kinks: np.maximum(v - kinks[1], 0) - np.maximum(kinks[0] - v, 0)), 4, 2),
-    Form("saturation", _terms(lambda v, size, kinks: np.clip(v, kinks[0], kinks[1])), 4, 2),
-)

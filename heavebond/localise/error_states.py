@@ -16,7 +16,8 @@ from itertools import pairwise
 import numpy as np
 
 from heavebond.localise.constants import INPUT_ESTIMATION
-from heavebond.localise.curves import Mask, hats, knots_of, solved
+from heavebond.localise.curves import Mask
+from heavebond.localise.law_forms import hats, knots_of, solved
 from heavebond.numerics.dae import Array
 
 

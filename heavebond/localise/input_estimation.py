@@ -135,13 +135,17 @@ class Search:
         grids = [(group, INTENSITIES) for group in groups]
         self.say(f"estimating what acts at {len(groups)} places")
         now = self.round(systems, grids)
+        known = Estimate(now.ranked, (), now.likelihood, 0.0, 0, systems, systems, {}, values, True)
         systems, values, now = self._parameters_alone(systems, values, grids, now)
         samples = sum(int(systems[name].used.sum()) for name in self.fitted)
         # what was not sampled counts as a sample without error
         ideal = -0.5 * (samples + np.log(2 * np.pi) * sum(systems[name].used.size for name in self.fitted))
         found = Estimate(now.ranked, tuple(unseen), now.likelihood, ideal, samples, systems, systems, {}, values, True)
         if found.chance < INPUT_ESTIMATION.level:
-            found = self._along_the_best(found)
+            # about the parameters as they are known: those that were fitted alone have taken up a part of what is missing
+            about = self._along_the_best(replace(known, samples=samples)) if systems is not known.systems else None
+            found = replace(about, unseen=found.unseen, likelihood=found.likelihood, ideal=ideal, base=systems,
+                            values=values) if about is not None and about.foreseen else self._along_the_best(found)
         return replace(found, smoothed=self._smoothed(found.systems, found.ranked[:most]))
 
     def about(self, values: Mapping[str, Mapping[str, float]], driven: Mapping[str, Array]) -> dict[str, LtvModel]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +22,11 @@ from heavebond.estimation.fitting import Fit
 from heavebond.estimation.input_noise import with_input_noise
 from heavebond.estimation.records import measure
 from heavebond.localise.constants import INPUT_ESTIMATION
-from heavebond.localise.curves import Curve, Mask, Samples, best_curve
+from heavebond.localise.curves import Curve, Design, Mask, Regression, best_curve, regression
 from heavebond.localise.error_states import RecordSection, State, envelope, states, stretches, worst
 from heavebond.localise.input_estimation import Estimate, Ranked, Search, misfit
-from heavebond.localise.ltv_model import SourcedRecord, known_of
+from heavebond.localise.kalman_smoother import Unknown
+from heavebond.localise.ltv_model import LtvModel, SourcedRecord, known_of
 from heavebond.localise.regressors import Regressors, estimated
 from heavebond.numerics.dae import Array, Assembly
 
@@ -75,8 +76,8 @@ class PlaceEstimate:
         curve = self.curve
         told = None if curve is None else {
             "variable": curve.variable.formula, "kind": curve.variable.kind, "r2": curve.r2, "shape": curve.shape,
-            "shape_r2": curve.shape_r2, "times": curve.times, "scores": curve.scores, "x": curve.x.tolist(),
-            "y": curve.y.tolist(), "y_down": curve.y_down.tolist()}
+            "shape_r2": curve.shape_r2, "times": curve.times, "second": curve.second.formula if curve.second else "",
+            "scores": curve.scores, "x": curve.x.tolist(), "y": curve.y.tolist(), "y_down": curve.y_down.tolist()}
         return {"place": self.place.name, "nodes": [n.name for n in self.place.nodes],
                 "components": list(self.place.components), "explained": self.explained, "behind": self.behind,
                 "alike": list(self.alike), "unit": self.place.unit.text, "rms": self.rms, "deviation": self.deviation,
@@ -226,32 +227,48 @@ def _group(search: Search, found: Estimate, k: int, ranked: Ranked) -> list[Plac
     around = Regressors(side.assembly.flat, side.nodes, {n: np.concatenate([s[n] for s in signals]) for n in signals[0]},
                         [s.time for s in search.sides])
     w, deviation = (np.concatenate(both) for both in zip(*parts, strict=True))
-    whole = Samples(w, deviation, np.concatenate(_learn(search)), np.concatenate(moved), np.zeros(search.width))
-    names = [p.name for p in ranked.group.places]
-    suspects = []
-    for place, ratio in zip(ranked.group.places, ranked.group.ratios, strict=True):
-        alike = tuple(n for n in names if n != place.name)
-        suspects.append(_suspect(search, found, ranked, place, ratio, whole, around, alike))
+    suspects = [_suspect(search, found, ranked, k, w, deviation, np.concatenate(moved), around)
+                for k in range(len(ranked.group.places))]
     # a pair of nodes says more than a node; it stands first and keeps its place unless another is clearly better
     return sorted(suspects, key=lambda s: -round(s.curve.r2 if s.curve else 0.0, 2))
 
 
-def _suspect(search: Search, found: Estimate, ranked: Ranked, place: Place, ratio: float, whole: Samples,
-             around: Regressors, alike: tuple[str, ...]) -> PlaceEstimate:
-    variables = around.variables(place)
-    thin = slice(None, None, max(1, len(whole.w) // (INPUT_ESTIMATION.max_samples * len(search.sides))))
-    own = Samples(whole.w * ratio, whole.deviation * abs(ratio), whole.learn, whole.moved * ratio, whole.q)
-    few = Samples(own.w[thin], own.deviation[thin], own.learn[thin], own.moved[thin], own.q)
-    curve = best_curve([v.thinned(thin) for v in variables], few)
-    value = own.w + own.moved @ curve.q if curve is not None else own.w
+def _suspect(search: Search, found: Estimate, ranked: Ranked, k: int, w: Array, deviation: Array, moved: Array,
+             around: Regressors) -> PlaceEstimate:
+    """The k-th place of a group: w (N,) is what acts at its first with the parameters as they are known, and `moved` (N, k)
+    how that moves with them."""
+    place, ratio = ranked.group.places[k], ranked.group.ratios[k]
+    alike = tuple(p.name for p in ranked.group.places if p is not place)
+    variables, learn = around.variables(place), np.concatenate(_learn(search))
+    design = Design(variables, learn)
+    mean = -search.centre(found.systems)
+    curve = best_curve(design, _regression(search, found.systems, place, design, learn, mean), learn)
+    value = (w + moved @ (curve.q - mean) if curve is not None else w) * ratio
     ends = np.cumsum([0, *(len(s.time) for s in search.sides)])
     implied = {}
     for s, a, b in zip(search.sides, ends[:-1], ends[1:], strict=True):
-        implied[s.record.name] = ImpliedInput(s.record.name, s.time, value[a:b], own.deviation[a:b], place.unit.text,
-                                              {v.formula: v.values[a:b] for v in variables})
+        implied[s.record.name] = ImpliedInput(s.record.name, s.time, value[a:b], deviation[a:b] * abs(ratio),
+                                              place.unit.text, {v.formula: v.values[a:b] for v in variables})
     made = PlaceEstimate(place, found.explained(ranked), found.ranked[0].likelihood - ranked.likelihood, alike, curve,
                          implied, "")
-    return PlaceEstimate(place, made.explained, made.behind, alike, curve, implied, words_of(made))
+    return replace(made, words=words_of(made))
+
+
+def _regression(search: Search, systems: Mapping[str, LtvModel], place: Place, design: Design, learn: Mask, mean: Array
+                ) -> Regression:
+    """What the functions of a design do to the outputs of all records where they act at a place."""
+    parts, counts = [], []
+    begin = 0
+    for s in search.sides:
+        system, end = systems[s.record.name], begin + len(s.time)
+        own = Unknown(system, list(s.nodes), [place], np.ones(1)).innovations(design.columns[begin:end])
+        wide = np.zeros((*own.shape[:2], 1 + search.width + design.columns.shape[1]))
+        wide[:, :, [0, *(1 + search.columns(s.record.name))]] = own[:, :, :1 + len(search.known)]
+        wide[:, :, 1 + search.width:] = own[:, :, 1 + len(search.known):]
+        parts.append(wide)
+        counts.append(s.used.sum(axis=1))
+        begin = end
+    return regression(np.concatenate(parts), learn, np.concatenate(counts), mean)
 
 
 # -- when, and in what state of motion -----------------------------------------------------------------------------------
@@ -312,6 +329,17 @@ FLOWS = {("across", "line"): "laminar leakage", ("across", "root"): "an orifice"
          ("rate", "line"): "a compliance, a hose or entrained air", ("across", "one-sided above"): "a relief valve"}
 
 
+# The same with a height that changes with a pressure.
+PRESSED = {(kind, shape): "the friction of a seal that the pressure presses" for kind, shape in LOOKS
+           if LOOKS[kind, shape].startswith("dry friction")}
+
+
+def _pressed(suspect: PlaceEstimate, curve: Curve) -> bool:
+    """Whether a law of two variables is one of a mechanical place and a pressure."""
+    second = next((f for f in (curve.times, curve.second.formula if curve.second else "") if f), "")
+    return suspect.place.nodes[0].mechanical and curve.units.get(second) == "Pa"
+
+
 def noun(suspect: PlaceEstimate) -> str:
     """What is missing at a place in one word: force, volume flow, current."""
     node = suspect.place.nodes[0]
@@ -329,9 +357,12 @@ def words_of(suspect: PlaceEstimate) -> str:
         rest = "it is hardly larger than its uncertainty." if suspect.rms < 2 * suspect.deviation else \
             "that means memory (hysteresis), several variables at once, or the wrong place."
         return first + f"no single variable explains it{best}: {rest}"
-    shape = SHAPES[curve.shape] + (f", times {curve.times}" if curve.times else "")
+    shape = SHAPES[curve.shape] + (f", times {curve.times}" if curve.times else "") + \
+        (f", and changes with the {curve.second.phrase}" if curve.second is not None else "")
     looks = (LOOKS if place.nodes[0].mechanical else FLOWS).get((curve.variable.kind, curve.shape), "")
-    end = f": {looks} would look so." if looks and not curve.times else "."
+    if curve.times or curve.second is not None:
+        looks = PRESSED.get((curve.variable.kind, curve.shape), "") if _pressed(suspect, curve) else ""
+    end = f": {looks} would look so." if looks else "."
     return first + f"it follows the {curve.variable.phrase} (R2 {number(curve.r2, 2)} on data not used), {shape}{end}"
 
 

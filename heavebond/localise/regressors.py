@@ -21,6 +21,19 @@ def estimated(system: LtvModel, locals_: Sequence[LocalSignal], state: Array, dr
     return dict(zip((s.name for s in locals_), (system.local + moved).T, strict=True))
 
 
+def smooth_rate(values: Array, time: Array) -> Array:
+    """The derivative (N,) of an estimated signal: of cubics through a sixth of its mean period about each sample, as
+    differences of neighbours would be mostly those of its errors (A. Savitzky, M. J. E. Golay, 1964,
+    doi:10.1021/ac60214a047)."""
+    from scipy.signal import savgol_filter
+
+    step = float(np.median(np.diff(time)))
+    rate = np.gradient(values, time)
+    omega = float(np.sqrt(np.mean(rate**2) / max(float(np.var(values)), 1e-300)))
+    width = min(int(2 * np.pi / max(omega, 1e-12) / INPUT_ESTIMATION.rate_window / step), len(values) // 4) | 1
+    return np.asarray(savgol_filter(values, width, 3, deriv=1, delta=step)) if width > 3 else rate
+
+
 @dataclass(frozen=True)
 class Regressors:
     """The variables at one place in several records, one after another; `breaks` are the first samples of each."""
@@ -56,7 +69,7 @@ class Regressors:
             found.append(self._variable("position" if own else "place", f"position {its}", its,
                                         domain.members[domain.position].unit.text, place))
         if own:
-            rate = np.concatenate([np.gradient(part, t) for part, t in zip(self._parts(values), self.times, strict=True)])
+            rate = np.concatenate([smooth_rate(part, t) for part, t in zip(self._parts(values), self.times, strict=True)])
             per_second = "m/s**2" if unit.text == "m/s" else f"{unit.text}/s"
             rate_phrase = f"acceleration der({formula})" if node.mechanical else f"rate of the {phrase} {formula}"
             found.append(self._variable("rate", rate_phrase, f"der({formula})", per_second, rate))
