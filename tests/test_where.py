@@ -157,12 +157,14 @@ def test_other_effects_are_found_at_their_place_and_by_their_variable(law: str, 
 
 
 def test_a_mass_that_is_too_small_is_told_by_the_acceleration(tmp_path: Path) -> None:
-    """The crown has 132 t and not 120 t. In a swell of one frequency a spring of the opposite sign would do as much, with all
-    parameters a standard deviation off: the law of the acceleration alone leaves them where they are."""
+    """The crown has 132 t and not 120 t. In a swell of one frequency a spring of the opposite sign would do as much, with
+    all parameters a standard deviation off: the law of the acceleration alone leaves them where they are."""
     given = load_experiment("passive_rig/nothing")
-    machine = loads("model: rig\nextends: passive_rig/passive_rig.yaml\ncomponents:\n  crown: {is: Mass, m: 132 t}\n", tmp_path)
+    machine = loads("model: rig\nextends: passive_rig/passive_rig.yaml\ncomponents:\n  crown: {is: Mass, m: 132 t}\n",
+                    tmp_path)
     experiment = measured(tmp_path, replace(given, model=machine), given, 1)
-    best = localize(replace(experiment, records={n: replace(r, end=60.0) for n, r in experiment.records.items()})).suspects[0]
+    records = {n: replace(r, end=60.0) for n, r in experiment.records.items()}
+    best = localize(replace(experiment, records=records)).suspects[0]
     assert best.curve is not None and best.curve.variable.formula == "der(crown.v)" and best.curve.shape == "line"
     slope = (best.curve.y[-1] - best.curve.y[0]) / (best.curve.x[-1] - best.curve.x[0])
     assert slope == pytest.approx(12e3, rel=0.03)  # of the free curve, whose ends few samples tell
@@ -178,7 +180,8 @@ def test_the_gain_of_an_integrating_machine_is_not_moved_in_place_of_a_leak(tmp_
     gain = given.free["valve.q_r"]
     nominal = gain.range.nominal
     assert nominal is not None
-    free = {**given.free, "valve.q_r": replace(gain, range=replace(gain.range, low=nominal / 2, high=2 * nominal, nominal=None))}
+    wide = replace(gain.range, low=nominal / 2, high=2 * nominal, nominal=None)
+    free = {**given.free, "valve.q_r": replace(gain, range=wide)}
     given = replace(given, model=load(tmp_path / "cyl.yaml"), free={n: f for n, f in free.items() if n != "load_spring.c"})
     leaking = loads("model: leaking\nextends: cyl.yaml\ncomponents:\n  leak: {is: LaminarLeakage, C: 1e-10 m**3/(s*Pa)}\n"
                     "nodes:\n  chamber_a: [+leak.a]\n  chamber_b: [+leak.b]\n", tmp_path)
@@ -265,7 +268,8 @@ def test_shapes_are_told_from_curves(law: object, shape: str) -> None:
     v, x = np.sin(t) * np.sin(0.31 * t), np.cos(1.7 * t)
     w = law(v)  # type: ignore[operator]
     deviation = 0.1 * w.std()
-    curve = law_of(w + deviation * random.standard_normal(len(t)), deviation, t < 30, ("position", "x", x), ("across", "v", v))
+    curve = law_of(w + deviation * random.standard_normal(len(t)), deviation, t < 30, ("position", "x", x),
+                   ("across", "v", v))
     assert curve.variable.formula == "v"
     assert curve.shape == shape and curve.r2 > 0.95
 

@@ -279,7 +279,7 @@ def _of_two(design: Design, found: Regression, misfit: float) -> Iterator[_Found
         variable, second, knots, ends = design.variables[i], design.variables[j], design.inner[i], design.ends(j)
         part, first = found.of(design.index(i, j)), design.free(i)
         affine = np.stack([np.ones(3), ends / max(float(np.abs(ends).max()), 1e-300)], axis=1)
-        both, product = part.along(np.kron(first, affine)), part.along(np.kron(first, affine[:, 1:]))
+        both, product = (part.along(np.asarray(np.kron(first, functions))) for functions in (affine, affine[:, 1:]))
         r2, r2_product = both.r2(misfit), product.r2(misfit)
         if second.kind != "position" and r2_product >= r2 - 0.01:
             q, a = product.solved()
@@ -302,7 +302,7 @@ def shape_of(variable: Variable, learn: Mask, knots: Array, found: Regression, m
 
     def fitted(form: Form, kinks: Kinks) -> Regression:
         T = form.basis(knots, size, kinks)
-        return found.along(T if second is None else np.kron(T, second))
+        return found.along(T if second is None else np.asarray(np.kron(T, second)))
 
     good = []
     for form in FORMS:

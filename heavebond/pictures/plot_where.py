@@ -101,7 +101,7 @@ def _cloud(panel: Axes, suspect: PlaceEstimate, name: str, shown: str) -> None:
     curve = suspect.curve
     if name == curve.variable.formula and not curve.times:
         panel.plot(curve.x * per_x, curve.y * per_y, color="black", linewidth=2, label="curve")
-        if curve.loop:
+        if curve.y_down.size:
             panel.plot(curve.x * per_x, curve.y_down * per_y, color="black", linewidth=2, linestyle="--")
     _dress(panel, f"{name} [{unit_label(across)}]" if across else name, "")
     r2 = curve.r2 if name == curve.variable.formula else curve.scores[name]

@@ -175,7 +175,7 @@ def _place(suspect: PlaceEstimate) -> tuple[str, ...]:
     curve = suspect.curve
     told = ("-", "-", "-")
     if curve is not None:
-        times = f" * {curve.times}" if curve.times else ""
+        times = f" * {curve.times}" if curve.times else f", {curve.second.formula}" if curve.second is not None else ""
         told = (curve.variable.formula + times, f"{max(curve.r2, 0.0):.2f}", curve.shape)
     return (suspect.place.name, f"{100 * suspect.explained:.4g} %", number(suspect.behind, 3),
             readable(suspect.rms, suspect.place.unit.text, 3), *told)

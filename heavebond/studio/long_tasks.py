@@ -124,10 +124,10 @@ def _over(name: str, suspect: PlaceEstimate, formula: str, scale: float, arrays:
     arrays[name] = np.vstack([x * per, y, up.astype(float)])
     best = formula == curve.variable.formula
     if best and not curve.times:
-        down = curve.y_down if curve.loop else curve.y
+        down = curve.y_down if curve.y_down.size else curve.y
         arrays[f"{name}/curve"] = np.vstack([curve.x * per, curve.y * scale, down * scale])
     return {"key": name, "formula": formula, "unit": across, "r2": curve.r2 if best else curve.scores[formula],
-            "curve": best and not curve.times, "loop": bool(curve.loop)}
+            "curve": best and not curve.times, "loop": bool(curve.y_down.size)}
 
 
 def _states(found: Localization, arrays: Arrays) -> list[Entry]:
