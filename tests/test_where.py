@@ -167,7 +167,7 @@ def test_a_mass_that_is_too_small_is_told_by_the_acceleration(tmp_path: Path) ->
     best = localize(replace(experiment, records=records)).suspects[0]
     assert best.curve is not None and best.curve.variable.formula == "der(crown.v)" and best.curve.shape == "line"
     slope = (best.curve.y[-1] - best.curve.y[0]) / (best.curve.x[-1] - best.curve.x[0])
-    assert slope == pytest.approx(12e3, rel=0.03)  # of the free curve, whose ends few samples tell
+    assert slope == pytest.approx(12e3, rel=0.02)
     assert "an added mass" in best.words
 
 

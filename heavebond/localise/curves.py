@@ -46,7 +46,7 @@ class Curve:
     """The best law of one or two variables for an unknown input.
 
     `r2` is that of the free curve (or of a law, where better) on the samples not learnt from, `shape` the name of the law
-    that does as well (or `curve`, or `loop`), `shape_r2` its own; x, y (K,) draw the curve, in a loop its way up, `y_down`
+    that does as well (or `curve`, or `loop`), `shape_r2` its own; x, y (K,) draw that law, in a loop its way up, `y_down`
     its way down; `q` are the parameters with which it is so; `scores` the R2 of every variable by its formula, `units`
     their units; `times` a signal by which the curve is multiplied; `second` another variable on which it depends: then
     y is the curve where that is large and `y_down` where it is small.
@@ -74,13 +74,16 @@ class Curve:
 @dataclass(frozen=True)
 class Regression:
     """Sums of squared whitened innovations as quadratic forms of (1, q, a): `learn` and `other` (1+k+K, 1+k+K) over the
-    samples that are learnt from and the others, `samples` how many these are; q (k,) are the parameters, normal with `mean`
-    and variance 1, a (K,) the coefficients."""
+    samples that are learnt from and the others, `samples` how many these are; `folds` are parts of the former, by blocks of
+    time; q (k,) are the parameters, normal with `mean` and variance 1, a (K,) the coefficients, with a `penalty` P (K, K)
+    on them, a' P a."""
 
     learn: Array
     other: Array
     samples: tuple[int, int]
     mean: Array
+    folds: tuple[Array, ...] = ()
+    penalty: Array | float = 0.0
 
     @property
     def k(self) -> int:
@@ -90,20 +93,38 @@ class Regression:
     def of(self, index: Index) -> Regression:
         """With some of the coefficients alone."""
         kept = np.concatenate([np.arange(1 + self.k), 1 + self.k + index])
-        return replace(self, learn=self.learn[np.ix_(kept, kept)], other=self.other[np.ix_(kept, kept)])
+        learn, other, *folds = (form[np.ix_(kept, kept)] for form in (self.learn, self.other, *self.folds))
+        return replace(self, learn=learn, other=other, folds=tuple(folds))
 
     def along(self, T: Array) -> Regression:
         """With coefficients a = T b in place of a."""
         whole = np.zeros((1 + self.k + T.shape[0], 1 + self.k + T.shape[1]))
         whole[:1 + self.k, :1 + self.k] = np.eye(1 + self.k)
         whole[1 + self.k:, 1 + self.k:] = T
-        return replace(self, learn=whole.T @ self.learn @ whole, other=whole.T @ self.other @ whole)
+        learn, other, *folds = (whole.T @ form @ whole for form in (self.learn, self.other, *self.folds))
+        return replace(self, learn=learn, other=other, folds=tuple(folds))
+
+    def smooth(self, differences: Array) -> Regression:
+        """With the penalty lambda |D a|**2 on `differences` D (d, K) of the coefficients whose lambda predicts best in
+        cross-validation over the folds: a curve has as much freedom as the samples learnt from support."""
+        size = float(np.trace(self.learn[1 + self.k:, 1 + self.k:])) / max(len(self.learn) - 1 - self.k, 1)
+        tried = [replace(self, penalty=size * weight * (differences.T @ differences)) for weight in CURVES.smoothness]
+        return min(tried, key=Regression._cross_validated)
+
+    def _cross_validated(self) -> float:
+        """The sum of the losses on the folds, each learnt from the others."""
+        total = 0.0
+        for fold in self.folds:
+            q, a = replace(self, learn=self.learn - fold).solved()
+            total += self._loss(fold, np.concatenate([q, a]))
+        return total
 
     def solved(self) -> tuple[Array, Array]:
         """The q (k,) and coefficients that are learnt. The prior of q counts for more where the law leaves more than the
         noise: what it leaves is correlated, and must not be mended by the parameters."""
         k = self.k
-        normal, slope = self.learn[1:, 1:], self.learn[1:, 0]
+        normal, slope = self.learn[1:, 1:].copy(), self.learn[1:, 0]
+        normal[k:, k:] += self.penalty
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         prior = np.concatenate([np.ones(k), np.zeros(len(scale) - k)])
         mean = np.concatenate([self.mean, np.zeros(len(scale) - k)])
@@ -156,9 +177,10 @@ class Regression:
 def regression(innovations: Array, learn: Mask, counts: Array, mean: Array) -> Regression:
     """From whitened innovations (N, m, 1+k+K), the mask (N,) of samples to learn from and how many values (N,) were measured
     at each."""
-    parts = [innovations[mask].reshape(-1, innovations.shape[2]) for mask in (learn, ~learn)]
-    return Regression(parts[0].T @ parts[0], parts[1].T @ parts[1], (int(counts[learn].sum()), int(counts[~learn].sum())),
-                      mean)
+    blocks = [*np.array_split(np.flatnonzero(learn), CURVES.folds), np.flatnonzero(~learn)]
+    *folds, other = (part.T @ part for part in (innovations[block].reshape(-1, innovations.shape[2]) for block in blocks))
+    samples = int(counts[learn].sum()), int(counts[~learn].sum())
+    return Regression(np.asarray(sum(folds)), other, samples, mean, tuple(folds))
 
 
 class Design:
@@ -219,18 +241,17 @@ def best_curve(design: Design, found: Regression, learn: Mask) -> Curve | None:
         return None
     misfit = found.misfit
     whole = [found.of(design.index(i)) for i in range(len(design.variables))]
-    free = [part.along(design.free(i)) for i, part in enumerate(whole)]
+    free = [part.along(design.free(i)).smooth(_differences(len(design.inner[i]))) for i, part in enumerate(whole)]
     # of a force that is hardly seen a line tells more than a free curve
     lines = [part.along(_line(k)) for part, k in zip(whole, design.knots, strict=True)]
     losses = [min(part.tried(), line.tried()) for part, line in zip(free, lines, strict=True)]
     r2 = [found.share(loss, misfit) for loss in losses]
     scores = {v.formula: score for v, score in zip(design.variables, r2, strict=True)}
-    units = {v.formula: v.unit for v in design.variables}
     best = next(i for i, loss in enumerate(losses) if loss <= min(losses) + _as_good(min(losses), found.samples[1], misfit))
     q, a = free[best].solved()
-    variable = design.variables[best]
-    shape, shape_r2 = shape_of(variable, learn, design.knots[best], whole[best], misfit, r2[best])
-    curve = Curve(variable, max(r2[best], shape_r2), shape, shape_r2, design.inner[best], a, q, scores, units=units)
+    variable, units = design.variables[best], {v.formula: v.unit for v in design.variables}
+    curve = Curve(variable, r2[best], "curve", r2[best], design.inner[best], a, q, scores, units=units)
+    curve = _named(curve, learn, design.knots[best], whole[best], misfit)
     enough = max(curve.r2, 0.0) + max(0.05, 0.2 * (1 - max(curve.r2, 0.0)))
     richer = [*_of_two(design, found, misfit), *_loops(design, found, misfit)]
     # a loop over the position says the same as one over the speed, and more
@@ -241,8 +262,7 @@ def best_curve(design: Design, found: Regression, learn: Mask) -> Curve | None:
     curve, part, functions = more
     if functions is not None:
         knots = next(k for v, k in zip(design.variables, design.knots, strict=True) if v is curve.variable)
-        shape, shape_r2 = shape_of(curve.variable, learn, knots, part, misfit, curve.r2, functions)
-        curve = replace(curve, shape=shape, shape_r2=shape_r2)
+        curve = _named(curve, learn, knots, part, misfit, functions)
     return replace(curve, scores=scores, units=units)
 
 
@@ -251,6 +271,11 @@ def _as_good(least: float, samples: int, misfit: float) -> float:
     likelihood, elsewhere by its share of the misfit, as no law is exact then."""
     noise = least <= samples + 3 * np.sqrt(2 * samples)
     return CURVES.strong + CURVES.inexact * samples if noise else CURVES.exact * misfit
+
+
+def _differences(knots: int) -> Array:
+    """The differences of neighbouring coefficients (knots - 1, knots)."""
+    return np.asarray(np.diff(np.eye(knots), axis=0))
 
 
 def _line(knots: Array) -> Array:
@@ -268,6 +293,7 @@ def _loops(design: Design, found: Regression, misfit: float) -> Iterator[_Found]
         H = hats(knots, coarse)  # the falling branch is the whole less the rising one
         T = np.block([[np.zeros_like(H), H], [H, -H]])
         part = found.of(np.concatenate([design.index(i), design.index(i, i)])).along(T)
+        part = part.smooth(np.asarray(np.kron(np.eye(2), _differences(len(coarse)))))
         q, a = part.solved()
         r2 = part.r2(misfit)
         yield Curve(variable, r2, "loop", r2, coarse, a[:len(coarse)], q, {}, a[len(coarse):]), part, None
@@ -279,7 +305,9 @@ def _of_two(design: Design, found: Regression, misfit: float) -> Iterator[_Found
         variable, second, knots, ends = design.variables[i], design.variables[j], design.inner[i], design.ends(j)
         part, first = found.of(design.index(i, j)), design.free(i)
         affine = np.stack([np.ones(3), ends / max(float(np.abs(ends).max()), 1e-300)], axis=1)
-        both, product = (part.along(np.asarray(np.kron(first, functions))) for functions in (affine, affine[:, 1:]))
+        both, product = (part.along(np.asarray(np.kron(first, functions))).smooth(
+            np.asarray(np.kron(_differences(len(knots)), np.eye(functions.shape[1]))))
+            for functions in (affine, affine[:, 1:]))
         r2, r2_product = both.r2(misfit), product.r2(misfit)
         if second.kind != "position" and r2_product >= r2 - 0.01:
             q, a = product.solved()
@@ -291,12 +319,11 @@ def _of_two(design: Design, found: Regression, misfit: float) -> Iterator[_Found
             yield Curve(variable, r2, "curve", r2, knots, drawn[:, 2], q, {}, drawn[:, 0], second=second), part, affine
 
 
-def shape_of(variable: Variable, learn: Mask, knots: Array, found: Regression, misfit: float, r2: float,
-             second: Array | None = None) -> tuple[str, float]:
-    """Of the laws that explain as much as the free curve does the best, each number in a law counting against it, and its
-    R2; `curve` where none does. `second` (3, p) are the functions of a second variable at its knots, by each of which the
-    law is multiplied."""
-    v = variable.values[learn]
+def _named(curve: Curve, learn: Mask, knots: Array, found: Regression, misfit: float, second: Array | None = None) -> Curve:
+    """Of the laws that explain as much as the free curve does the best, each number in a law counting against it; the curve
+    as it is where none does. `second` (3, p) are the functions of a second variable at its knots, by each of which the law
+    is multiplied."""
+    v, r2 = curve.variable.values[learn], curve.r2
     enough = r2 - max(CURVES.simple_share, (CURVES.simple_factor - 1) * (1 - r2))
     size = float(np.quantile(np.abs(v), 0.98)) or 1.0
 
@@ -306,13 +333,20 @@ def shape_of(variable: Variable, learn: Mask, knots: Array, found: Regression, m
 
     good = []
     for form in FORMS:
-        if (form.crossing and not crosses_zero(v, size)) or (form.kind and variable.kind != form.kind):
+        if (form.crossing and not crosses_zero(v, size)) or (form.kind and curve.variable.kind != form.kind):
             continue
         kinks = best_kinks(lambda given, form=form: -fitted(form, given).learnt(), form.kinks, v)  # type: ignore[misc]
         tried = fitted(form, kinks).r2(misfit)
         if tried >= enough:
-            good.append(((CURVES.exact + 1 - tried) * CURVES.per_number**form.free, tried, form.name))
+            good.append(((CURVES.exact + 1 - tried) * CURVES.per_number**form.free, tried, form, kinks))
     if not good:
-        return "curve", r2
-    _, tried, name = min(good)
-    return name, tried
+        return curve
+    _, tried, form, kinks = min(good, key=lambda found: found[0])
+    q, b = fitted(form, kinks).solved()
+    drawn = form.basis(curve.x, size, kinks) @ b.reshape(len(b) // (1 if second is None else second.shape[1]), -1)
+    if second is None:
+        return replace(curve, r2=max(r2, tried), shape=form.name, shape_r2=tried, y=drawn[:, 0], q=q)
+    if curve.times:
+        return replace(curve, shape=form.name, shape_r2=tried, y=drawn[:, 0], q=q)
+    ends = drawn @ second[[2, 0]].T
+    return replace(curve, shape=form.name, shape_r2=tried, y=ends[:, 0], y_down=ends[:, 1], q=q)

@@ -36,6 +36,10 @@ class CurveConstants:
         positions. Doubled: fewer loops over speeds.
     max_pairs: pairs of variables that are tried. Origin: time; they are ordered by nearness. Doubled: twice the time,
         farther second variables.
+    folds: blocks of time of the cross-validation within the samples that are learnt from. Origin: usual. Doubled: twice the
+        time.
+    smoothness: penalties of differences of coefficients that are tried, over their mean information. Origin: from none to a
+        constant. More of them: time.
     crossed: share of samples on either side of zero from which a variable crosses it. Origin: below, a step at zero
         cannot be seen. Doubled: fewer steps.
     """
@@ -51,6 +55,8 @@ class CurveConstants:
     per_number: float = 1.2
     loop_margin: float = 0.05
     max_pairs: int = 8
+    folds: int = 5
+    smoothness: tuple[float, ...] = (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
     crossed: float = 0.05
 
 
