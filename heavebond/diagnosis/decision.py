@@ -18,7 +18,8 @@ class Decision:
     leaves above the noise, at least of `near` - 1, that differs materially too: beside a large misfit the share alone
     calls much alike. further: share of the misfit at hand that an effect must take away to be added. mainly: share of
     the misfit that an effect must explain to be named although more than noise is left. covered: share of the held-out
-    motion that must lie inside the fitted range for an identified curve to be a yardstick. blocks: number of independent
+    motion that must lie inside the fitted range for an identified curve to be a yardstick. constant: share by which the
+    strength of an effect may differ between small and large motion. blocks: number of independent
     blocks below which a record is too short to tell candidates apart. near: chi-square per sample up to which a residual
     is near the noise. folds: number of blocks of the cross-validation within the fitted records. draws: resamples of the
     bootstrap.
@@ -30,6 +31,7 @@ class Decision:
     further: float = 0.2
     mainly: float = 0.5
     covered: float = 0.8
+    constant: float = 0.1
     blocks: float = 20.0
     near: float = 1.5
     folds: int = 10

@@ -29,9 +29,11 @@ from heavebond.diagnosis.early_end import CALIBRATION, CURVES, EFFECTS, FURTHER,
 from heavebond.diagnosis.experiment_design import Separation, separate
 from heavebond.diagnosis.fixed_values import VALUE
 from heavebond.diagnosis.full_runs import at_fit, compared, first_entries, loaded
+from heavebond.diagnosis.further_effects import supported
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry
 from heavebond.diagnosis.ranking import as_dicts, entries
 from heavebond.diagnosis.refit import Refit
+from heavebond.diagnosis.remainder import Remainder, remainder
 from heavebond.diagnosis.stage import (
     SECONDS,
     Stage,
@@ -75,8 +77,8 @@ class Diagnosis:
     correspond, but for a last step that found nothing; a fixed value that explains what no effect does is the only
     finding, after a step of effects and one of values. `shape` is the identified curve that lowers the error most where
     no effect can be named; `separation` the experiment that would distinguish the alternatives; `noise` the noise of
-    each channel with its unit; `adequacy` that of the first finding where more than noise is left after it; `seconds` the
-    duration in s; `searched` is the experiment on the samples that the search used; `untried` what was not tried, as the
+    each channel with its unit; `adequacy` that of the first finding where more than noise is left after it, `remainder`
+    the law that explains most of what is left then; `seconds` the duration in s; `searched` is the experiment on the samples that the search used; `untried` what was not tried, as the
     search was ended early (candidates of a step that was cut short are in that step). One that was ended before its first
     candidate was scored has no steps, one that was ended before all records were simulated no ladder.
     """
@@ -95,6 +97,7 @@ class Diagnosis:
     searched: Experiment
     adequacy: Adequacy | None = None
     untried: tuple[str, ...] = ()
+    remainder: Remainder | None = None
 
     def __repr__(self) -> str:
         return brief(self, self.experiment.name, self.verdict, *self.words)
@@ -126,6 +129,7 @@ class Diagnosis:
             "noise": {name: {"value": value, "unit": unit, "given": given}
                       for name, (value, unit, given) in self.noise.items()},
             "adequacy": self.adequacy and self.adequacy.as_dict(),
+            "remainder": self.remainder and self.remainder.as_dict(),
             "separation": self.separation and self.separation.as_dict(), "seconds": self.seconds}
 
 
@@ -196,6 +200,9 @@ def _diagnosed(experiment: Experiment | str | Path, steps: int, number: int | No
     if climbed is None:
         return _without_search(experiment, ladder, base, budget)
     part, way, last = climbed
+    way, unsupported = supported(way, say)
+    if unsupported:
+        last = replace(unsupported[-1].added.step, partial=last.partial)
     # the last step made may be that of the last effect itself
     ended = bool(way) and last.chosen is way[-1].chosen
     short = ended and not last.partial and len(way) < steps and not way[-1].is_noise
@@ -216,18 +223,23 @@ def _diagnosed(experiment: Experiment | str | Path, steps: int, number: int | No
             and unexplained(come.ladder, come.findings, come.steps):
         say("learning a curve")
         come, shape = _shape(come, as_long_as(part, now), confirming.one, number, left())
+    found = [*come.findings, *([shape] if shape is not None else [])]
+    rest = Budget(left()).made(lambda: remainder(as_long_as(part, at_fit(found[-1].fit.experiment, found[-1].fit)), say)) \
+        if found and not come.steps[-1].partial and unexplained(come.ladder, come.findings, come.steps) else None
     rungs = (*come.ladder, *([shape.rung] if shape is not None else []))
     said = verdict(base, rungs, come.findings, come.steps, shape, judged, not {VALUES, CURVES} & set(come.untried))
     apart = _separation(come.findings, say, left()) if said == "one_of" else None
     told = (*sentences(said, rungs, come.findings, come.steps, shape, judged), *map(equivalent_value_words, come.values),
             *acting_as_values(come.findings, come.steps, [t.candidate.name for t in come.values]),
             *(apart.words if apart is not None else ()),
+            *(u.words for u in reversed(unsupported) if said not in ("effect", "one_of", "parameters")),
+            *([rest.words] if rest is not None and said in ("mainly", "shape") else []),
             *_lost(come.steps), *_closed_loops(ladder[0].comparison),
             *(f"{name}: {said}." for name, record in rungs[-1].comparison.records.items() for said in record.starts),
             *so_far(come.steps, come.untried),
             *_limits(classes, cut(part, experiment), confirming.shorter))
     return Diagnosis(experiment, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
-                     _noise(ladder[0].comparison), budget.spent, apart, part, judged, come.untried)
+                     _noise(ladder[0].comparison), budget.spent, apart, part, judged, come.untried, rest)
 
 
 def _first_entries(experiment: Experiment, budget: Budget, say: Progress

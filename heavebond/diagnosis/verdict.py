@@ -191,7 +191,7 @@ def _not_excluded(findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> li
             continue
         where = listing(f"{n.name} at {readable(trial.values[n.name], n.unit.text, 3)}" for n in candidate.numbers
                         if n.name in trial.beyond)
-        lines.append(f"{'Of these, ' if told else 'Not excluded: '}{_called(candidate)}; its search stopped at the end of "
+        lines.append(f"{'Of these, ' if told else 'Not excluded: '}{called(candidate)}; its search stopped at the end of "
                      f"the range ({where}), and beyond it would leave less. Widen `search_range`.")
     return lines[:MENTIONED]
 
@@ -231,7 +231,7 @@ def _mainly(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
     """The first effect with its share, and those that were added after it."""
     share = f"It explains {number(100 * adequacy.explained, 2)} % of the misfit (chi-square above the noise)"
     enough = near_noise(findings[-1].rung)  # what is not certain then is the effect itself
-    first, *others = (_called(f.candidate) if f.certain else _alternatives(f) for f in findings)
+    first, *others = (called(f.candidate) if f.certain else _alternatives(f) for f in findings)
     unsure = "" if findings[0].certain else _unsure(findings[:1])
     more = f"; added after it: {listing(others, 5)}" if others else ""
     return f"Missing: {'probably' if enough else 'mainly'} {first}.{unsure}{_laws(findings)} {share}{more}." + \
@@ -288,7 +288,7 @@ def acting_as_values(findings: Sequence[AddedEffect], steps: Sequence[Stage], kn
     for finding, step in zip(findings, steps, strict=False):
         names = [n for n in step.acts_as.get(finding.candidate.label, ()) if n not in known]
         if names:
-            lines.append(f"{_called(finding.candidate)} acts as another value of {listing(names, len(names))} does: where "
+            lines.append(f"{called(finding.candidate)} acts as another value of {listing(names, len(names))} does: where "
                          "the effect is small, the records cannot tell them apart. Make sure of that value.")
     return lines
 
@@ -307,7 +307,7 @@ def _revalued(trial: Refit) -> str:
 
 def _effect(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: object) -> str:
     # two laws of one kind at one place may together be one that is not in the catalogue (c_2 s**2 + c_3 s**3)
-    often = Counter(_called(f.candidate) for f in findings)
+    often = Counter(called(f.candidate) for f in findings)
     return f"Missing: {'; '.join(name if k == 1 else f'{name}, {k} times' for name, k in often.items())}." + _laws(findings)
 
 
@@ -318,7 +318,7 @@ def _laws(findings: Sequence[AddedEffect]) -> str:
     return f" The records do not distinguish this law from {listing(laws, len(laws))} there." if laws else ""
 
 
-def _called(candidate: Candidate) -> str:
+def called(candidate: Candidate) -> str:
     """The effect by its class and place, and by what `heavebond try` calls it."""
     if candidate.attaches == "in":
         return f"{candidate.kind} in {candidate.where[0]} ({candidate.name})"

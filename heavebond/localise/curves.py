@@ -14,7 +14,7 @@ the free curve, with few numbers, names its shape.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -49,7 +49,9 @@ class Curve:
     that does as well (or `curve`, or `loop`), `shape_r2` its own; x, y (K,) draw that law, in a loop its way up, `y_down`
     its way down; `q` are the parameters with which it is so; `scores` the R2 of every variable by its formula, `units`
     their units; `times` a signal by which the curve is multiplied; `second` another variable on which it depends: then
-    y is the curve where that is large and `y_down` where it is small.
+    y is the curve where that is large and `y_down` where it is small. `covered` is the share of the samples not learnt from
+    at which its variables lie inside of those learnt from; `chance` the p value that it predicts no better there than the
+    parameters alone (Student's t of the mean over blocks of time, H. R. Kuensch, 1989, doi:10.1214/aos/1176347265).
     """
 
     variable: Variable
@@ -64,6 +66,8 @@ class Curve:
     times: str = ""
     units: dict[str, str] = field(default_factory=dict)
     second: Variable | None = None
+    covered: float = 1.0
+    chance: float = 1.0
 
     @property
     def loop(self) -> bool:
@@ -74,15 +78,16 @@ class Curve:
 @dataclass(frozen=True)
 class Regression:
     """Sums of squared whitened innovations as quadratic forms of (1, q, a): `learn` and `other` (1+k+K, 1+k+K) over the
-    samples that are learnt from and the others, `samples` how many these are; `folds` are parts of the former, by blocks of
-    time; q (k,) are the parameters, normal with `mean` and variance 1, a (K,) the coefficients, with a `penalty` P (K, K)
-    on them, a' P a."""
+    samples that are learnt from and the others, `samples` how many these are; `folds` are parts of the former and `tests`
+    of the latter, by blocks of time; q (k,) are the parameters, normal with `mean` and variance 1, a (K,) the coefficients,
+    with a `penalty` P (K, K) on them, a' P a."""
 
     learn: Array
     other: Array
     samples: tuple[int, int]
     mean: Array
     folds: tuple[Array, ...] = ()
+    tests: tuple[Array, ...] = ()
     penalty: Array | float = 0.0
 
     @property
@@ -93,16 +98,18 @@ class Regression:
     def of(self, index: Index) -> Regression:
         """With some of the coefficients alone."""
         kept = np.concatenate([np.arange(1 + self.k), 1 + self.k + index])
-        learn, other, *folds = (form[np.ix_(kept, kept)] for form in (self.learn, self.other, *self.folds))
-        return replace(self, learn=learn, other=other, folds=tuple(folds))
+        return self._transformed(lambda form: form[np.ix_(kept, kept)])
 
     def along(self, T: Array) -> Regression:
         """With coefficients a = T b in place of a."""
         whole = np.zeros((1 + self.k + T.shape[0], 1 + self.k + T.shape[1]))
         whole[:1 + self.k, :1 + self.k] = np.eye(1 + self.k)
         whole[1 + self.k:, 1 + self.k:] = T
-        learn, other, *folds = (whole.T @ form @ whole for form in (self.learn, self.other, *self.folds))
-        return replace(self, learn=learn, other=other, folds=tuple(folds))
+        return self._transformed(lambda form: whole.T @ form @ whole)
+
+    def _transformed(self, change: Callable[[Array], Array]) -> Regression:
+        return replace(self, learn=change(self.learn), other=change(self.other), folds=tuple(map(change, self.folds)),
+                       tests=tuple(map(change, self.tests)))
 
     def smooth(self, differences: Array) -> Regression:
         """With the penalty lambda |D a|**2 on `differences` D (d, K) of the coefficients whose lambda predicts best in
@@ -138,7 +145,21 @@ class Regression:
         return found[:k], found[k:]
 
     def tried(self) -> float:
-        """The loss on the other samples. Parameters that each record has for itself are those that suit it best."""
+        """The loss on the other samples."""
+        return self._loss(self.other, self._applied())
+
+    def chance(self) -> float:
+        """The p value that the law predicts the other samples no better than the parameters alone do."""
+        from scipy.special import stdtr
+
+        alone, law = np.zeros(len(self.other) - 1), self._applied()
+        alone[:self.k] = self.of(np.zeros(0, np.int64))._applied()
+        gains = np.array([self._loss(form, alone) - self._loss(form, law) for form in self.tests])
+        error = float(gains.std(ddof=1)) / np.sqrt(len(gains)) if len(gains) > 1 else np.inf
+        return float(stdtr(len(gains) - 1, -gains.mean() / error)) if error > 0 else float(gains.mean() <= 0)
+
+    def _applied(self) -> Array:
+        """The (q, a) that are learnt; parameters that each record has for itself are those that suit the others best."""
         q, a = self.solved()
         found = np.concatenate([q, a])
         own = np.flatnonzero(np.diag(self.learn)[1:1 + self.k] == 0)
@@ -147,7 +168,7 @@ class Regression:
             rest = np.delete(np.arange(len(found)), own)
             slope = self.other[1 + own, 0] + self.other[np.ix_(1 + own, 1 + rest)] @ found[rest]
             found[own] = np.linalg.solve(normal, self.mean[own] - slope)
-        return self._loss(self.other, found)
+        return found
 
     @staticmethod
     def _loss(form: Array, found: Array) -> float:
@@ -177,10 +198,15 @@ class Regression:
 def regression(innovations: Array, learn: Mask, counts: Array, mean: Array) -> Regression:
     """From whitened innovations (N, m, 1+k+K), the mask (N,) of samples to learn from and how many values (N,) were measured
     at each."""
-    blocks = [*np.array_split(np.flatnonzero(learn), CURVES.folds), np.flatnonzero(~learn)]
-    *folds, other = (part.T @ part for part in (innovations[block].reshape(-1, innovations.shape[2]) for block in blocks))
+    size = innovations.shape[2]
+
+    def forms(mask: Mask, blocks: int) -> tuple[Array, ...]:
+        parts = (innovations[block].reshape(-1, size) for block in np.array_split(np.flatnonzero(mask), blocks))
+        return tuple(part.T @ part for part in parts)
+
+    folds, tests = forms(learn, CURVES.folds), forms(~learn, CURVES.test_blocks)
     samples = int(counts[learn].sum()), int(counts[~learn].sum())
-    return Regression(np.asarray(sum(folds)), other, samples, mean, tuple(folds))
+    return Regression(np.asarray(sum(folds)), np.asarray(sum(tests)), samples, mean, folds, tests)
 
 
 class Design:
@@ -258,8 +284,9 @@ def best_curve(design: Design, found: Regression, learn: Mask) -> Curve | None:
     more = max(richer, key=lambda f: f[0].r2 - CURVES.loop_margin * (f[0].loop and f[0].variable.kind == "across"),
                default=None)
     if more is None or more[0].r2 <= enough:
-        return curve
-    curve, part, functions = more
+        return _tested(curve, free[best], design, learn)
+    curve, part, functions, law = more
+    curve = _tested(curve, law, design, learn)
     if functions is not None:
         knots = next(k for v, k in zip(design.variables, design.knots, strict=True) if v is curve.variable)
         curve = _named(curve, learn, knots, part, misfit, functions)
@@ -273,6 +300,17 @@ def _as_good(least: float, samples: int, misfit: float) -> float:
     return CURVES.strong + CURVES.inexact * samples if noise else CURVES.exact * misfit
 
 
+def _tested(curve: Curve, law: Regression, design: Design, learn: Mask) -> Curve:
+    """The curve with what is known of it on the samples not learnt from."""
+    names = {curve.variable.formula, curve.times, curve.second.formula if curve.second is not None else ""}
+    inside = np.ones(len(learn), dtype=bool)
+    for variable in design.variables:
+        if variable.formula in names:
+            low, high = np.quantile(variable.values[learn], [0.0, 1.0])
+            inside &= (variable.values >= low) & (variable.values <= high)
+    return replace(curve, covered=float(inside[~learn].mean()) if (~learn).any() else float("nan"), chance=law.chance())
+
+
 def _differences(knots: int) -> Array:
     """The differences of neighbouring coefficients (knots - 1, knots)."""
     return np.asarray(np.diff(np.eye(knots), axis=0))
@@ -282,7 +320,8 @@ def _line(knots: Array) -> Array:
     return np.stack([np.ones_like(knots), knots], axis=1)
 
 
-_Found = tuple[Curve, Regression, Array | None]  # a law, its regression, and the functions of a second variable
+# A law, the regression in the functions at its knots, the functions of a second variable, and the regression of the law.
+_Found = tuple[Curve, Regression, Array | None, Regression]
 
 
 def _loops(design: Design, found: Regression, misfit: float) -> Iterator[_Found]:
@@ -296,7 +335,7 @@ def _loops(design: Design, found: Regression, misfit: float) -> Iterator[_Found]
         part = part.smooth(np.asarray(np.kron(np.eye(2), _differences(len(coarse)))))
         q, a = part.solved()
         r2 = part.r2(misfit)
-        yield Curve(variable, r2, "loop", r2, coarse, a[:len(coarse)], q, {}, a[len(coarse):]), part, None
+        yield Curve(variable, r2, "loop", r2, coarse, a[:len(coarse)], q, {}, a[len(coarse):]), part, None, part
 
 
 def _of_two(design: Design, found: Regression, misfit: float) -> Iterator[_Found]:
@@ -312,11 +351,11 @@ def _of_two(design: Design, found: Regression, misfit: float) -> Iterator[_Found
         if second.kind != "position" and r2_product >= r2 - 0.01:
             q, a = product.solved()
             yield (Curve(variable, r2_product, "curve", r2_product, knots, a, q, {}, times=second.formula), part,
-                   affine[:, 1:])
+                   affine[:, 1:], product)
         else:
             q, a = both.solved()
             drawn = a.reshape(-1, 2) @ affine.T
-            yield Curve(variable, r2, "curve", r2, knots, drawn[:, 2], q, {}, drawn[:, 0], second=second), part, affine
+            yield Curve(variable, r2, "curve", r2, knots, drawn[:, 2], q, {}, drawn[:, 0], second=second), part, affine, both
 
 
 def _named(curve: Curve, learn: Mask, knots: Array, found: Regression, misfit: float, second: Array | None = None) -> Curve:
@@ -326,6 +365,7 @@ def _named(curve: Curve, learn: Mask, knots: Array, found: Regression, misfit: f
     v, r2 = curve.variable.values[learn], curve.r2
     enough = r2 - max(CURVES.simple_share, (CURVES.simple_factor - 1) * (1 - r2))
     size = float(np.quantile(np.abs(v), 0.98)) or 1.0
+    found = replace(found, folds=(), tests=())  # many are tried, and the sums do
 
     def fitted(form: Form, kinks: Kinks) -> Regression:
         T = form.basis(knots, size, kinks)

@@ -38,6 +38,8 @@ class CurveConstants:
         farther second variables.
     folds: blocks of time of the cross-validation within the samples that are learnt from. Origin: usual. Doubled: twice the
         time.
+    test_blocks: blocks of time of the samples not learnt from, over which the error of a mean is taken. Origin: many enough
+        for a t value, and longer than residuals are correlated. Doubled: smaller errors where residuals are slow.
     smoothness: penalties of differences of coefficients that are tried, over their mean information. Origin: from none to a
         constant. More of them: time.
     crossed: share of samples on either side of zero from which a variable crosses it. Origin: below, a step at zero
@@ -56,6 +58,7 @@ class CurveConstants:
     loop_margin: float = 0.05
     max_pairs: int = 8
     folds: int = 5
+    test_blocks: int = 20
     smoothness: tuple[float, ...] = (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
     crossed: float = 0.05
 

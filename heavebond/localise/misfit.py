@@ -346,6 +346,12 @@ def noun(suspect: PlaceEstimate) -> str:
     return node.domain.members[node.through].noun
 
 
+def shape_words(curve: Curve) -> str:
+    """How an unknown input follows its variables."""
+    return SHAPES[curve.shape] + (f", times {curve.times}" if curve.times else "") + \
+        (f", and changes with the {curve.second.phrase}" if curve.second is not None else "")
+
+
 def words_of(suspect: PlaceEstimate) -> str:
     """One place in sentences."""
     place, curve = suspect.place, suspect.curve
@@ -357,8 +363,7 @@ def words_of(suspect: PlaceEstimate) -> str:
         rest = "it is hardly larger than its uncertainty." if suspect.rms < 2 * suspect.deviation else \
             "that means memory (hysteresis), several variables at once, or the wrong place."
         return first + f"no single variable explains it{best}: {rest}"
-    shape = SHAPES[curve.shape] + (f", times {curve.times}" if curve.times else "") + \
-        (f", and changes with the {curve.second.phrase}" if curve.second is not None else "")
+    shape = shape_words(curve)
     looks = (LOOKS if place.nodes[0].mechanical else FLOWS).get((curve.variable.kind, curve.shape), "")
     if curve.times or curve.second is not None:
         looks = PRESSED.get((curve.variable.kind, curve.shape), "") if _pressed(suspect, curve) else ""

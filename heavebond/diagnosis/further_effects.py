@@ -1,0 +1,84 @@
+"""Which effects found after the first one are named where more than noise is left.
+
+No law is exact, and a residual of a few per cent of the misfit may be the error of the laws that were found, which another
+law may imitate well on all records of one kind. So a further effect is named only where the model with all effects leaves
+noise, or where it
+
+* takes away a material share of the misfit of the model without any effect, and
+* is a constant of the machine: its strength is the same at small and at large motion (see `constancy`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from heavebond.core.errors import HeavebondError
+from heavebond.core.presentation import number
+from heavebond.core.progress import Progress
+from heavebond.diagnosis.constancy import Constancy, constancy
+from heavebond.diagnosis.decision import DECISION
+from heavebond.diagnosis.identity import ALL, leaves_noise
+from heavebond.diagnosis.refit import Refit
+from heavebond.diagnosis.stage import Stage, fitted_base, following
+from heavebond.diagnosis.stepwise_selection import SelectedEffect, Selection
+from heavebond.diagnosis.verdict import called
+
+
+@dataclass(frozen=True)
+class Unsupported:
+    """A further effect that is not named: the share of the first misfit (chi-square above the noise) that it takes away, and
+    its strength over the amplitude, where that was asked for."""
+
+    added: SelectedEffect
+    share: float
+    constancy: Constancy | None
+
+    @property
+    def words(self) -> str:
+        """Why, in a sentence."""
+        before, after = self.added.step.chi2_held_out, self.added.chosen.chi2_held_out
+        if before != before:  # (NaN: nothing is held out)
+            before, after = self.added.step.chi2_fit, self.added.chosen.chi2_fit
+        said = f"{called(self.added.candidate)} would lower the reduced chi-square from {number(before, 3)} to " \
+               f"{number(after, 3)}, but is not named: "
+        if self.constancy is None:
+            share = number(100 * DECISION.material, 2)
+            return said + f"it takes away less than {share} % of the misfit, within the error of the laws that were found."
+        low, high = min(self.constancy.strength), max(self.constancy.strength)
+        return said + "its strength is not the same at small and large motion " \
+                      f"({number(low, 2)} to {number(high, 2)} times the fitted one where it may vary)."
+
+
+def supported(way: Selection, say: Progress) -> tuple[Selection, list[Unsupported]]:
+    """The effects of a ladder that are named, and those at its end that are not, the last one first."""
+    dropped: list[Unsupported] = []
+    while len(way) > 1 and not leaves_noise(way[-1].chosen):
+        share, found = material_share(way), None
+        if share >= DECISION.material:
+            say(f"is {way[-1].candidate.label} the same at all amplitudes?")
+            found = _constancy(way[-1])
+            if found is None or not found.differs:
+                break
+        dropped.append(Unsupported(way[-1], share, found))
+        way = way[:-1]
+    return way, dropped
+
+
+def material_share(way: Selection) -> float:
+    """The share of the first misfit that the last effect of a ladder takes away."""
+    first, last = way[0].step, way[-1]
+    misfit = max(_left(first), 1e-9)
+    return (_left(last.step) - _left(last.chosen)) / misfit
+
+
+def _left(model: Stage | Refit) -> float:
+    """What a model leaves above the noise, each sample predicted by parameters that were not fitted to it."""
+    assert model.errors is not None
+    return model.errors.mean(*ALL) - 1.0
+
+
+def _constancy(added: SelectedEffect) -> Constancy | None:
+    try:
+        return constancy(fitted_base(following(added.step)), added.candidate.numbers)
+    except HeavebondError:
+        return None

@@ -1,0 +1,130 @@
+"""Which effects after the first are named: those that take a material share and are as strong at all amplitudes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import heavebond as hb
+from heavebond.diagnosis import further_effects
+from heavebond.diagnosis.catalogue import EffectNumber
+from heavebond.diagnosis.constancy import Constancy, constancy
+from heavebond.diagnosis.further_effects import material_share, supported
+from heavebond.diagnosis.predictive_errors import FITTED, SELECTION, PredictiveErrors
+from heavebond.diagnosis.scoring import Base
+from heavebond.diagnosis.stage import fitted_base
+from heavebond.diagnosis.stepwise_selection import SelectedEffect, Selection
+
+DIAGRAM = """
+model: oscillator
+components:
+  drive:  {is: ForceSource, u: 0 N}
+  mass:   {is: Mass, m: 1 kg}
+  spring: {is: Spring, c: 39.5 N/m}
+  damper: {is: Damper, d: 0.6 N*s/m}
+  cubic:  {is: CubicSpring, c_3: 160 N/m**3}
+  drag:   {is: Drag, d_2: 0.1 N*s**2/m**2}
+  ground: {is: Fixed}
+nodes:
+  y: [drive.a, mass.a, spring.b, damper.b, cubic.b, drag.b]
+  ground: [ground.a, spring.a, damper.a, cubic.a, drag.a]
+initial: {y.x: 0 m, y.v: 0 m/s}
+"""
+MEASURED = """
+experiment: an oscillator with a hardening spring
+model: oscillator.yaml
+records: {noise: {file: noise.csv, use: fit}}
+time: {column: t, unit: s}
+inputs: {drive.u: {column: u, unit: N, interpolation: spline}}
+outputs: {y.x: {column: y, unit: m, noise: 0.1 mm}}
+free: {spring.c: 39.5 N/m +- 20 %, damper.d: 0.6 N*s/m +- 50 %, cubic.c_3: 0 .. 500 N/m**3, drag.d_2: 0 .. 5 N*s**2/m**2}
+"""
+
+
+def record(file: Path, d_2: float, d_22: float) -> None:
+    """Growing noise on an oscillator whose damping force has d_2 v |v| and d_22 y**2 v (Runge-Kutta, 20 steps each)."""
+    random, n, fs, steps = np.random.default_rng(1), 1200, 9.0, 20
+    frequency = np.fft.rfftfreq(n, 1 / fs)
+    u = np.fft.irfft(np.exp(2j * np.pi * random.random(len(frequency))) * ((frequency > 0) & (frequency < 2.4)), n)
+    t, u = np.arange(n) / fs, u / u.std() * np.linspace(0.3, 1.7, n)
+    fine = CubicSpline(t, u)(np.arange(2 * steps * (n - 1) + 1) / fs / steps / 2).tolist()
+
+    def rate(force: float, y: float, v: float) -> tuple[float, float]:
+        return v, force - 0.6 * v - d_2 * v * abs(v) - d_22 * y * y * v - 39.5 * y - 160 * y**3
+
+    h, y, v, found = 1 / fs / steps, 0.0, 0.0, [0.0]
+    for k in range(steps * (n - 1)):
+        a = rate(fine[2 * k], y, v)
+        b = rate(fine[2 * k + 1], y + h / 2 * a[0], v + h / 2 * a[1])
+        c = rate(fine[2 * k + 1], y + h / 2 * b[0], v + h / 2 * b[1])
+        d = rate(fine[2 * k + 2], y + h * c[0], v + h * c[1])
+        y += h / 6 * (a[0] + 2 * b[0] + 2 * c[0] + d[0])
+        v += h / 6 * (a[1] + 2 * b[1] + 2 * c[1] + d[1])
+        if (k + 1) % steps == 0:
+            found.append(y)
+    measured = np.array(found) + 1e-4 * random.standard_normal(n)
+    np.savetxt(file, np.column_stack([t, u, measured]), delimiter=",", header="t,u,y", comments="")
+
+
+@pytest.mark.parametrize(("d_2", "d_22", "differs"), [(0.15, 0.0, False), (0.0, 4.8, True)])
+def test_a_number_is_constant_where_its_law_is_the_machine_s(d_2: float, d_22: float, differs: bool, tmp_path: Path) -> None:
+    """Quadratic damping takes nearly all of the misfit of a damping that grows with the square of the distance; its strength
+    at small and at large motion tells them apart."""
+    (tmp_path / "oscillator.yaml").write_text(DIAGRAM)
+    (tmp_path / "measured.yaml").write_text(MEASURED)
+    record(tmp_path / "noise.csv", d_2, d_22)
+    base: Base = fitted_base(hb.load_experiment(tmp_path / "measured.yaml"))
+    unit = next(iter(base.problem.columns)).free.range.unit
+    found = constancy(base, [EffectNumber("drag.d_2", unit, 0.0, None, None, True)])
+    assert found is not None and found.differs is differs
+    if not differs:
+        assert found.strength == pytest.approx([1] * 5, abs=0.03)
+    # a number without a neutral value has no strength
+    assert constancy(base, [EffectNumber("damper.d", unit, 0.0, None, None, False)]) is None
+
+
+def errors(chi2: float) -> PredictiveErrors:
+    counts, half = np.full(40, 50.0), np.repeat([FITTED, SELECTION], 20)
+    return PredictiveErrors(chi2 * counts, counts, half, half)
+
+
+def ladder(*chi2: float, given: bool = True) -> Selection:
+    """A ladder whose models leave these chi-squares, the first without an effect."""
+    found: list[Any] = []
+    for before, after in pairwise(chi2):
+        candidate = SimpleNamespace(label=str(after), kind="dry friction", place="at b", component="X", attaches="at")
+        trial = SimpleNamespace(errors=errors(after), chi2_fit=after, chi2_held_out=after, samples=2000,
+                                samples_held_out=2000, experiment=SimpleNamespace(noise_given=given), candidate=candidate)
+        step: Any = SimpleNamespace(errors=errors(before), chosen=trial, chi2_held_out=before, chi2_fit=before)
+        found.append(SelectedEffect(step, ()))
+    return tuple(found)
+
+
+@pytest.mark.parametrize(("chi2", "given", "varies", "named"), [
+    ((1000, 100, 20), True, False, 2),         # a material share, constant
+    ((1000, 100, 20), True, True, 1),          # not constant
+    ((1000, 100, 70), True, False, 1),         # 3 % of the misfit
+    ((1000, 20, 1.0), True, True, 2),          # noise is left: nothing is asked
+    ((1000, 20, 1.4), False, True, 2),         # near an estimated one
+    ((1000, 100, 70, 60), True, False, 1),     # one after the other
+    ((1000, 990), True, True, 1)])             # the first stands by other rules
+def test_a_further_effect_is_named_by_its_share_and_its_constancy(
+        chi2: tuple[float, ...], given: bool, varies: bool, named: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    strength = Constancy((0.5, 0.7, 1.0, 1.1, 1.3) if varies else (1.0,) * 5, 1e-6 if varies else 0.6)
+    monkeypatch.setattr(further_effects, "_constancy", lambda added: strength)
+    way, dropped = supported(ladder(*chi2, given=given), lambda text: None)
+    assert len(way) == named and len(dropped) == len(chi2) - 1 - named
+    if dropped:
+        assert ("0.5 to 1.3 times" if varies else "less than 5 % of the misfit") in dropped[0].words
+
+
+def test_the_share_is_that_of_the_first_misfit() -> None:
+    assert material_share(ladder(1001, 101, 51)) == pytest.approx(0.05)
+    assert not replace(Constancy((1.0, 1.05), 1e-9)).differs and not Constancy((0.5, 1.5), 0.2).differs
