@@ -7,6 +7,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,10 +28,12 @@ from heavebond.diagnosis.fixed_values import fixed_values
 from heavebond.diagnosis.ladder import ladder_entry as rung_of
 from heavebond.diagnosis.ranking import BY_KEY, COLUMNS, JUDGEMENTS, as_dicts, entries
 from heavebond.diagnosis.refit import Refit
+from heavebond.diagnosis.remainder import Remainder
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fitted, fit
 from heavebond.language.model import load, loads
+from heavebond.localise.curves import Curve, Variable
 from heavebond.numerics.simulation import simulate
 
 pytestmark = pytest.mark.long
@@ -286,6 +290,33 @@ def test_every_candidate_is_ranked_once_with_the_reason_for_its_judgement(tmp_pa
     assert as_dicts(ranked)[0]["error_over_noise_held_out"] == pytest.approx(math.sqrt(best.trial.chi2_held_out))
 
 
+def left() -> Remainder:
+    """A law of two variables that is left after all effects."""
+    crown = SimpleNamespace(name="crown", mechanical=True, through="f", domain=SimpleNamespace(
+        members={"f": SimpleNamespace(noun="force")}))
+    speed, pressure = (Variable(kind, name, name, unit, np.zeros(2), np.zeros(2, dtype=bool)) for kind, name, unit in
+                       (("across", "crown.v", "m/s"), ("pressure", "oil.p", "Pa")))
+    curve = Curve(speed, 0.8, "step", 0.8, np.zeros(2), np.zeros(2), np.zeros(0), {}, second=pressure, covered=0.9,
+                  chance=0.01)
+    place: Any = SimpleNamespace(place=SimpleNamespace(nodes=[crown], words="at crown"), curve=curve)
+    return Remainder(True, place)
+
+
+def test_what_is_left_is_told_by_its_law_where_that_is_decided() -> None:
+    said = left()
+    assert said.decided and said.words == "Most of what is left is a force at crown over the crown.v, as a step at zero, " \
+        "and changes with the oil.p (80 % of it on held-out data)."
+    assert said.place is not None and said.place.curve is not None
+    changes: list[tuple[dict[str, Any], str]] = [
+        ({"covered": 0.5}, "is not decided: 50 % of the held-out motion"),
+        ({"chance": 0.3}, "is not decided: none predicts held-out data better"),
+        ({"r2": 0.3}, "No law of one or two variables at any place explains most")]
+    for change, words in changes:
+        place: Any = SimpleNamespace(place=said.place.place, curve=replace(said.place.curve, **change))
+        assert words in Remainder(True, place).words
+    assert "acts as no force or flow" in Remainder(True, None).words
+
+
 def test_the_page_lists_the_keys_of_every_verdict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What the command writes has these keys and no others, and on the table there is none that never comes."""
     top: list[set[str]] = []
@@ -297,7 +328,8 @@ def test_the_page_lists_the_keys_of_every_verdict(tmp_path: Path, monkeypatch: p
         said = found(folder, "receiver", hidden, classes)
         # whether another channel would decide is a matter of the machine: the keys of one that would
         apart = said.separation and replace(said.separation, extra=AdditionalSensor("valve.m", "kg/s", 1e-6, 20.0))
-        told = json.loads(json.dumps(replace(said, separation=apart).as_dict()))
+        # and that a law is left besides
+        told = json.loads(json.dumps(replace(said, separation=apart, remainder=said.separation and left()).as_dict()))
         top.append(set(told))
         all_keys |= keys(told)
     assert top[0] == top[1]

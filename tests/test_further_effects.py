@@ -112,7 +112,8 @@ def ladder(*chi2: float, given: bool = True) -> Selection:
     ((1000, 100, 20), True, True, 1),          # not constant
     ((1000, 100, 70), True, False, 1),         # 3 % of the misfit
     ((1000, 20, 1.0), True, True, 2),          # noise is left: nothing is asked
-    ((1000, 20, 1.4), False, True, 2),         # near an estimated one
+    ((1000, 20, 1.0), False, False, 1),        # an estimated one is no yardstick
+    ((1000, 200, 1.0), False, False, 2),
     ((1000, 100, 70, 60), True, False, 1),     # one after the other
     ((1000, 990), True, True, 1)])             # the first stands by other rules
 def test_a_further_effect_is_named_by_its_share_and_its_constancy(

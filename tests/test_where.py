@@ -272,6 +272,7 @@ def test_shapes_are_told_from_curves(law: object, shape: str) -> None:
                    ("across", "v", v))
     assert curve.variable.formula == "v"
     assert curve.shape == shape and curve.r2 > 0.95
+    assert curve.chance < 0.05  # what acts beyond a limit alone acts in a few blocks of time
 
 
 def test_a_step_whose_height_follows_a_pressure_is_told_as_one() -> None:
@@ -283,6 +284,7 @@ def test_a_step_whose_height_follows_a_pressure_is_told_as_one() -> None:
         w = height * np.tanh(v / 0.01)
         curve = law_of(w + 0.1 * random.standard_normal(len(t)), 0.1, t < 30, ("across", "v", v), ("pressure", "p", p))
         assert curve.variable.formula == "v" and curve.shape == "step" and curve.r2 > 0.95
+        assert curve.chance < 0.01 and curve.covered > 0.9
         assert curve.times == times and (times or (curve.second is not None and curve.second.formula == "p"))
 
 
@@ -290,7 +292,7 @@ def test_noise_follows_no_variable() -> None:
     t = np.linspace(0, 60, 3000)
     w = np.random.default_rng(3).standard_normal(len(t))
     curve = law_of(w, 0.5, t < 30, ("across", "v", np.sin(t)))
-    assert curve.r2 < 0.1
+    assert curve.r2 < 0.1 and curve.chance > 0.01
 
 
 def test_command_tells_draws_and_writes_figures(tmp_path: Path) -> None:

@@ -78,9 +78,10 @@ class Diagnosis:
     finding, after a step of effects and one of values. `shape` is the identified curve that lowers the error most where
     no effect can be named; `separation` the experiment that would distinguish the alternatives; `noise` the noise of
     each channel with its unit; `adequacy` that of the first finding where more than noise is left after it, `remainder`
-    the law that explains most of what is left then; `seconds` the duration in s; `searched` is the experiment on the samples that the search used; `untried` what was not tried, as the
-    search was ended early (candidates of a step that was cut short are in that step). One that was ended before its first
-    candidate was scored has no steps, one that was ended before all records were simulated no ladder.
+    the law that explains most of what is left then; `seconds` the duration in s; `searched` is the experiment on the samples
+    that the search used; `untried` what was not tried, as the search was ended early (candidates of a step that was cut
+    short are in that step). One that was ended before its first candidate was scored has no steps, one that was ended
+    before all records were simulated no ladder.
     """
 
     experiment: Experiment

@@ -2,10 +2,12 @@
 
 No law is exact, and a residual of a few per cent of the misfit may be the error of the laws that were found, which another
 law may imitate well on all records of one kind. So a further effect is named only where the model with all effects leaves
-noise, or where it
+the noise that is given, or where it
 
 * takes away a material share of the misfit of the model without any effect, and
 * is a constant of the machine: its strength is the same at small and at large motion (see `constancy`).
+
+(An estimated noise is no yardstick for that: it is too large where a channel moves far between two samples.)
 """
 
 from __future__ import annotations
@@ -52,7 +54,7 @@ class Unsupported:
 def supported(way: Selection, say: Progress) -> tuple[Selection, list[Unsupported]]:
     """The effects of a ladder that are named, and those at its end that are not, the last one first."""
     dropped: list[Unsupported] = []
-    while len(way) > 1 and not leaves_noise(way[-1].chosen):
+    while len(way) > 1 and not (way[-1].chosen.experiment.noise_given and leaves_noise(way[-1].chosen)):
         share, found = material_share(way), None
         if share >= DECISION.material:
             say(f"is {way[-1].candidate.label} the same at all amplitudes?")

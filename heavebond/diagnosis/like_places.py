@@ -27,7 +27,8 @@ def candidates(experiment: Experiment | str | Path) -> list[Candidate]:
     """All effects of the catalogue at all places of the diagram of an experiment.
 
     They stand in the order of the library, and after them each law at all like places together (`members` are the labels of
-    its single candidates). `experiment` is one that was loaded, or its file or name. Raises ModelError for an invalid diagram or component, DataError for an experiment that cannot be read.
+    its single candidates). `experiment` is one that was loaded, or its file or name. Raises ModelError for an invalid
+    diagram or component, DataError for an experiment that cannot be read.
     """
     experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
     site = site_of(experiment)

@@ -67,9 +67,9 @@ class Remainder:
         curve = self.place.curve if self.place is not None else None
         return {"explained": self.share, "covered": self.covered, "conclusive": self.decided,
                 "law": None if self.place is None or curve is None else
-                {"where": [n.name for n in self.place.place.nodes], "variable": curve.variable.formula,
+                {"where": [n.name for n in self.place.place.nodes], "over": curve.variable.formula,
                  "second": curve.times or (curve.second.formula if curve.second is not None else None),
-                 "shape": curve.shape}}
+                 "follows": curve.shape}}
 
 
 def remainder(experiment: Experiment, say: Progress) -> Remainder | None:

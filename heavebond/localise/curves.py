@@ -98,14 +98,16 @@ class Regression:
     def of(self, index: Index) -> Regression:
         """With some of the coefficients alone."""
         kept = np.concatenate([np.arange(1 + self.k), 1 + self.k + index])
-        return self._transformed(lambda form: form[np.ix_(kept, kept)])
+        penalty = self.penalty[np.ix_(index, index)] if isinstance(self.penalty, np.ndarray) else self.penalty
+        return replace(self._transformed(lambda form: form[np.ix_(kept, kept)]), penalty=penalty)
 
     def along(self, T: Array) -> Regression:
         """With coefficients a = T b in place of a."""
         whole = np.zeros((1 + self.k + T.shape[0], 1 + self.k + T.shape[1]))
         whole[:1 + self.k, :1 + self.k] = np.eye(1 + self.k)
         whole[1 + self.k:, 1 + self.k:] = T
-        return self._transformed(lambda form: whole.T @ form @ whole)
+        penalty = T.T @ self.penalty @ T if isinstance(self.penalty, np.ndarray) else self.penalty
+        return replace(self._transformed(lambda form: whole.T @ form @ whole), penalty=penalty)
 
     def _transformed(self, change: Callable[[Array], Array]) -> Regression:
         return replace(self, learn=change(self.learn), other=change(self.other), folds=tuple(map(change, self.folds)),
