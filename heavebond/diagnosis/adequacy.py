@@ -65,7 +65,7 @@ class Adequacy:
 
         return {"explained": self.explained, "identified_curve": named(self.flexible), "elsewhere": named(self.elsewhere),
                 "beaten": self.beaten, "covered": self.covered, "conclusive": self.decided, "complete": self.complete,
-                "tried": self.tried}
+                "curves_tried": self.tried}
 
 
 def adequacy(chosen: Refit, made: Stage, curves: Stage | None, complete: bool = True) -> Adequacy:
