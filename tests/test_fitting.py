@@ -20,7 +20,7 @@ from heavebond.estimation.diagram_files import fitted_diagram, write
 from heavebond.estimation.excerpts import EXCERPTS
 from heavebond.estimation.experiment import Experiment, Free, load_experiment
 from heavebond.estimation.fitting import Fit, fit, profile
-from heavebond.estimation.residuals import Residuals, condensed
+from heavebond.estimation.residuals import SETTLED, SHORT, Residuals, condensed, promised
 from heavebond.reports.result_tables import own_words
 
 DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"
@@ -240,6 +240,31 @@ def test_an_unknown_that_no_residual_feels_is_held() -> None:
     assert (slopes.T @ slopes)[np.ix_(felt, felt)] == pytest.approx((J.T @ J)[np.ix_(felt, felt)])
     assert np.linalg.matrix_rank(slopes) == 4
     assert np.linalg.lstsq(slopes, -short, rcond=None)[0][2] == 0.0
+
+
+def test_what_a_tangent_promises_is_what_a_linear_fit_brings() -> None:
+    """Within the ranges: an unknown at an end that the gradient would push beyond stays there."""
+    generator = np.random.default_rng(4)
+    r, J = generator.normal(size=40), generator.normal(size=(40, 3))
+    inside = np.full(3, 1.5)
+    whole = r @ r - np.sum((r - J @ np.linalg.lstsq(J, r, rcond=None)[0])**2)
+    assert promised(*condensed(r, J), inside, 0.0) == pytest.approx(whole)
+    slope, end = J.T @ r, inside.copy()
+    end[1] = 1.0 if slope[1] > 0 else 2.0
+    two = J[:, [0, 2]]
+    held = r @ r - np.sum((r - two @ np.linalg.lstsq(two, r, rcond=None)[0])**2)
+    assert promised(*condensed(r, J), end, 0.0) == pytest.approx(held)
+    end[1] = 3 - end[1]  # at the other end it moves inwards
+    assert promised(*condensed(r, J), end, 0.0) == pytest.approx(whole)
+
+
+def test_a_descent_that_has_settled_is_within_a_hundredth_of_the_standard_errors() -> None:
+    problem = Residuals(hb.load_experiment("passive_rig/nothing"))
+    far, near = (problem.minimise(problem.start, False, lambda text: None, settle=settle) for settle in (False, True))
+    J, priors = problem.evaluate(far.x)[1], problem.priors(far.x)[1]
+    step = near.x - far.x
+    assert near.message == SETTLED and len(near.history) < len(far.history)
+    assert step @ (J.T @ J + priors.T @ priors) @ step < (2 * SHORT)**2 * 2 * far.cost / problem.samples
 
 
 def test_a_fit_to_long_records_begins_on_their_beginnings(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -179,6 +179,33 @@ static void substitute(const double *lu, long n, const int *pivots, const double
   }
 }
 
+/* The same for `blocks` right sides, one behind the other in z: the operations of each are those of `substitute`, in the same
+   order, but side by side, as each waits for the one before it. */
+static void substitute_all(const double *lu, long n, const int *pivots, const double *inverse, double *z, long blocks) {
+  double side[n * blocks];
+  long i, j, b;
+  for (b = 0; b < blocks; ++b)
+    for (i = 0; i < n; ++i) side[i * blocks + b] = z[b * n + i];
+  for (i = 0; i < n; ++i) {
+    double *one = side + pivots[i] * blocks, *other = side + i * blocks;
+    for (b = 0; b < blocks && one != other; ++b) {
+      double kept = one[b];
+      one[b] = other[b];
+      other[b] = kept;
+    }
+  }
+  for (i = 1; i < n; ++i)
+    for (j = 0; j < i; ++j)
+      for (b = 0; b < blocks; ++b) side[i * blocks + b] -= lu[i * n + j] * side[j * blocks + b];
+  for (i = n - 1; i >= 0; --i) {
+    for (j = i + 1; j < n; ++j)
+      for (b = 0; b < blocks; ++b) side[i * blocks + b] -= lu[i * n + j] * side[j * blocks + b];
+    for (b = 0; b < blocks; ++b) side[i * blocks + b] *= inverse[i];
+  }
+  for (b = 0; b < blocks; ++b)
+    for (i = 0; i < n; ++i) z[b * n + i] = side[i * blocks + b];
+}
+
 #define VALUE(tape, k) (tape)->slots[(tape)->out[k]]
 
 /* f, g and their Jacobian at t and x, with z found so that g = 0 and g_z factored; 1 where that fails. */
@@ -228,17 +255,21 @@ static void follow(Problem *problem, const double *x) {
   }
 }
 
-/* Add the products of a Jacobian, whose values begin at output `first` of a function, with the moves of (x, z, p) along
-   direction j to `moved`; rows from `end` on are left out. */
+/* Add the products of a Jacobian, whose values begin at output `first` of a function, with the moves of (x, z, p) along each
+   direction to `moved` (end, m) by columns; rows from `end` on are left out. */
 static void multiply(const Problem *problem, const Tape *tape, const Pattern *at, long first, long end, const double *x,
-                     long j, double *moved) {
-  long n = problem->n, n_z = problem->n_z, k;
-  const double *by_x = x + (j + 1) * n, *by_z = problem->along + j * n_z - n,
-               *by_p = problem->directions + j * problem->n_moving - n - n_z;
+                     double *moved) {
+  long n = problem->n, n_z = problem->n_z, m = problem->m, j, k;
   for (k = 0; k < at->nonzeros; ++k) {
-    long column = at->columns[k];
-    if (at->rows[k] < end)
-      moved[at->rows[k]] += VALUE(tape, first + k) * (column < n ? by_x : column < n + n_z ? by_z : by_p)[column];
+    long row = at->rows[k], column = at->columns[k];
+    const double *by = column < n         ? x + n + column
+                       : column < n + n_z ? problem->along + column - n
+                                          : problem->directions + column - n - n_z;
+    long stride = column < n ? n : column < n + n_z ? n_z : problem->n_moving;
+    double value;
+    if (row >= end) continue;
+    value = VALUE(tape, first + k);
+    for (j = 0; j < m; ++j) moved[j * end + row] += value * by[j * stride];
   }
 }
 
@@ -246,7 +277,7 @@ static int right(double t, N_Vector given, N_Vector rates, void *data) {
   Problem *problem = data;
   const double *x = problem->sundials->values(given), *u = driving(problem, t);
   double *out = problem->sundials->values(rates);
-  long n = problem->n, j, k;
+  long n = problem->n, k;
   Tape *tape = problem->m || problem->n_z ? &problem->full : &problem->right;
   if (tape == &problem->full) {
     if (complete(problem, t, x, u)) return 1;
@@ -258,8 +289,7 @@ static int right(double t, N_Vector given, N_Vector rates, void *data) {
   if (problem->m) {
     memset(out + n, 0, (problem->total - n) * sizeof(double));
     if (problem->n_z) follow(problem, x);
-    for (j = 0; j < problem->m; ++j)
-      multiply(problem, tape, &problem->slopes, n + problem->n_z, n, x, j, out + (j + 1) * n);
+    multiply(problem, tape, &problem->slopes, n + problem->n_z, n, x, out + n);
   }
   for (k = 0; k < problem->total; ++k)
     if (!isfinite(out[k])) return 1;
@@ -302,26 +332,27 @@ static int setup(double t, N_Vector given, N_Vector rates, int known, int *renew
 static int solve(double t, N_Vector x, N_Vector rates, N_Vector given, N_Vector found, double gamma, double delta,
                  int side, void *data, N_Vector a) {
   Problem *problem = data;
-  long block;
   double *z = problem->sundials->values(found);
   memcpy(z, problem->sundials->values(given), problem->total * sizeof(double));
-  for (block = 0; block <= problem->m; ++block)
-    substitute(problem->lu, problem->n, problem->pivots, problem->inverse, z + block * problem->n);
+  if (problem->m)
+    substitute_all(problem->lu, problem->n, problem->pivots, problem->inverse, z, 1 + problem->m);
+  else
+    substitute(problem->lu, problem->n, problem->pivots, problem->inverse, z);
   return 0;
 }
 
 static int times(N_Vector given, N_Vector found, double t, N_Vector x, N_Vector rates, void *data, N_Vector a) {
   Problem *problem = data;
-  long n = problem->n, block, i, j;
+  long n = problem->n, blocks = 1 + problem->m, block, i, j;
   const double *v = problem->sundials->values(given);
-  double *z = problem->sundials->values(found);
-  for (block = 0; block <= problem->m; ++block, z += n, v += n)
-    for (i = 0; i < n; ++i) {
-      const double *row = problem->jacobian + i * n;
-      double sum = 0.0;
-      for (j = 0; j < n; ++j) sum += row[j] * v[j];
-      z[i] = sum;
-    }
+  double *z = problem->sundials->values(found), side[blocks];
+  for (i = 0; i < n; ++i) {
+    const double *row = problem->jacobian + i * n;
+    for (block = 0; block < blocks; ++block) side[block] = 0.0;
+    for (j = 0; j < n; ++j)
+      for (block = 0; block < blocks; ++block) side[block] += row[j] * v[block * n + j];
+    for (block = 0; block < blocks; ++block) z[block * n + i] = side[block];
+  }
   return 0;
 }
 
@@ -361,7 +392,7 @@ void finish(Problem *problem) {
    by columns, each where it is not null; 1 where it cannot be evaluated. */
 static int note(Problem *problem, long k, double t, double *x_out, double *z_out, double *signals) {
   const double *x = problem->sundials->values(problem->x), *u = problem->at_stops + k * problem->n_u;
-  long n_z = problem->n_z, n_signals = problem->n_signals, m = problem->m, j, i;
+  long n_z = problem->n_z, n_signals = problem->n_signals, m = problem->m, i;
   if (x_out) memcpy(x_out + k * problem->total, x, problem->total * sizeof(double));
   if (n_z) {
     if (complete(problem, t, x, u)) return RIGHT_FAILED;
@@ -377,8 +408,7 @@ static int note(Problem *problem, long k, double t, double *x_out, double *z_out
     evaluate(&problem->signals);
     for (i = 0; i < n_signals; ++i) out[i] = VALUE(&problem->signals, i);
     memset(out + n_signals, 0, n_signals * m * sizeof(double));
-    for (j = 0; j < m; ++j)
-      multiply(problem, &problem->signals, &problem->signal_slopes, n_signals, n_signals, x, j, out + (j + 1) * n_signals);
+    multiply(problem, &problem->signals, &problem->signal_slopes, n_signals, n_signals, x, out + n_signals);
   }
   return 0;
 }

@@ -41,8 +41,10 @@ class Confirming:
         limited = isfinite(self.budget.seconds)
         kept = SHORTER * self.budget.seconds if limited and not self.shorter and cut(self.part, self.given) else 0.0
         most = self.budget.left(kept + (0.0 if self.shorter else COMPARING * self.comparing)) if limited else inf
+        given, label = self.part if self.shorter else self.given, added.candidate.label
         with finishing(self.say):
-            return self.budget.made(lambda: confirmed(added, self.part if self.shorter else self.given, most, before), kept)
+            return self.budget.made(lambda: confirmed(
+                added, given, most, before, lambda text: self.say(f"confirming {label}: {text}")), kept)
 
     def all(self, way: Selection, ladder: Sequence[LadderEntry]) -> tuple[list[LadderEntry], list[AddedEffect]]:
         """The ladder with the effects of a selection, and these; none where the time suffices for neither. What the first

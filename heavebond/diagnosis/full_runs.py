@@ -9,6 +9,7 @@ from pathlib import Path
 
 from heavebond.core.cancellation import ENDED_EARLY
 from heavebond.core.errors import Problem, UsageError
+from heavebond.core.progress import Progress
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, ladder_entry, with_limits
 from heavebond.diagnosis.stage import following
 from heavebond.diagnosis.stepwise_selection import SelectedEffect
@@ -50,12 +51,12 @@ def at_fit(experiment: Experiment, fitted: Fit | None) -> Experiment:
     return replace(experiment, model=experiment.model.with_parameters(fitted.values))
 
 
-def confirmed(added: SelectedEffect, given: Experiment, seconds: float = inf, before: Comparison | None = None
-              ) -> AddedEffect:
+def confirmed(added: SelectedEffect, given: Experiment, seconds: float = inf, before: Comparison | None = None,
+              progress: Progress | None = None) -> AddedEffect:
     """The chosen effect with intervals and figures from full runs on the whole of the records; the fit begins from the
     values of the search and ends after `seconds` with the best so far. `before` is the comparison without the effect."""
     found = with_limits(added.candidate, fit(as_long_as(given, following(added.step)), partial=seconds < inf,
-                                             seconds=seconds, before=before))
+                                             seconds=seconds, before=before, progress=progress))
     own = {n.name for n in added.candidate.numbers}
     return AddedEffect(added.candidate, tuple(p for p in found.parameters if p.name in own),
                    ladder_entry(f"+ {added.candidate.label}", found.after), found, added.alternatives)

@@ -17,7 +17,7 @@ from heavebond.core.errors import HeavebondError, SimulationError, StartError
 from heavebond.core.progress import Progress
 from heavebond.core.units import Range
 from heavebond.diagnosis.catalogue import Candidate
-from heavebond.diagnosis.early_stopping import made_progress, stop_inferior_starts, stop_stalled
+from heavebond.diagnosis.early_stopping import LITTLE, made_progress, stop_inferior_starts, stop_stalled
 from heavebond.diagnosis.predictive_errors import SELECTION, TEST, PredictiveErrors, predictive_errors
 from heavebond.diagnosis.range_ends import passed_ends
 from heavebond.diagnosis.scoring import (
@@ -337,7 +337,7 @@ class _RefitProblem:
     def arrive(self, start: Array, progress: Progress) -> Array:
         """From near an optimum to it."""
         def arrived(start: Array) -> Array:
-            return self.problem.minimise(start, False, progress, most=LAST, tolerance=CLOSE).x
+            return self.problem.minimise(start, False, progress, most=LAST, tolerance=CLOSE, settle=True).x
 
         return self._further_out(arrived(start), arrived)
 
@@ -401,8 +401,8 @@ class _RefitProblem:
         if not chosen or process_time() - self.began > SECONDS:
             return []
         enough = stop_inferior_starts(self.problem.high - self.problem.low, least)
-        found = [self.problem.descend(start, False, progress, most=FIRST, tolerance=1e-4, method="trf", enough=enough)
-                 for start in chosen]
+        found = [self.problem.descend(start, False, progress, most=FIRST, tolerance=1e-4, method="trf", enough=enough,
+                                      promise=LITTLE) for start in chosen]
         if all(2 * e.cost > self.base.cost for e in found) and (beside := self._beside()) is not None:
             found.append(self.descend(beside, progress, FIRST, 1e-4))
         return sorted(found, key=lambda e: e.cost)
@@ -436,7 +436,7 @@ class _RefitProblem:
                 method: Literal["trf", "dogbox"] = "trf") -> Descent:
         """Steps that find their way from afar, until they hardly bring anything more."""
         return self.problem.descend(start, False, progress, most=most, tolerance=tolerance, method=method,
-                                    enough=stop_stalled)
+                                    enough=stop_stalled, promise=LITTLE)
 
     def judged(self, inner: Array) -> Refit:
         """The figures at the end, from runs of IDAS."""

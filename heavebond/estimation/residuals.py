@@ -301,16 +301,16 @@ class Residuals:
             return _broken(run)
         return (wrong, moved) if np.all(np.isfinite(wrong)) and np.all(np.isfinite(moved)) else _broken(run)
 
-    def cost(self, inner: Array, moved: bool = False) -> float:
-        """The sum of squares of data and priors, where it is not known by runs without sensitivities (unless `moved`)."""
-        prior = self.priors(inner)[0]
-        if moved or inner.tobytes() in self._known:
-            wrong = self.evaluate(inner)[0]
-            return float(wrong @ wrong + prior @ prior)
-        total, allowed = float(prior @ prior), self.allowed(inner)
-        for run in self.runs:
-            wrong = self._one(run.again([], {}, FitSimulator), allowed, np.inf)[0]
-            total += float(wrong @ wrong)
+    def cost(self, inner: Array, most: float = np.inf) -> float:
+        """The sum of squares of data and priors, by runs without sensitivities; infinite where it is above `most`."""
+        prior, allowed = self.priors(inner)[0], self.allowed(inner)
+        total = float(prior @ prior)
+        try:
+            for run in self.runs:
+                wrong = self._one(run.again([], {}, FitSimulator), allowed, most - total)[0]
+                total += float(wrong @ wrong)
+        except Exceeded:
+            return np.inf
         return total
 
     def priors(self, inner: Array) -> tuple[Array, Array]:
@@ -348,9 +348,10 @@ class Residuals:
     def descend(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = (), *, most: int,
                 tolerance: float, method: Literal["trf", "dogbox"],
                 enough: Callable[[Sequence[float], Array], str] = lambda costs, best: "", partial: bool = False,
-                settle: bool = False) -> Descent:
+                settle: bool = False, promise: float = 0.0) -> Descent:
         """One of the two methods of `minimise` alone; it ends besides where `enough`, which is given the sum of squares of
-        each run so far and the unknowns of the best, says ARRIVED or GIVEN_UP."""
+        each run so far and the unknowns of the best, says ARRIVED or GIVEN_UP, and where the tangent promises that the sum
+        falls by less than the share `promise`."""
         from scipy.optimize import least_squares
 
         moving = [k for k in range(len(self.columns)) if k not in fixed]
@@ -382,8 +383,12 @@ class Residuals:
             progress(f"chi-square per sample {min(costs) / self.samples:.4g} after {len(costs)} runs")
             if said := enough(costs, whole(best)):
                 raise _Enough(said)
-            if settle and costs[-1] == min(costs) and self._settled(*both(y.tobytes()), y, near):
-                raise _Enough(SETTLED)
+            if (settle or promise) and costs[-1] == min(costs):
+                fall = promised(*both(y.tobytes()), y, near)
+                if settle and fall < SHORT**2 * max(1.0, costs[-1] / self.samples):
+                    raise _Enough(SETTLED)
+                if fall < promise * costs[-1]:
+                    raise _Enough(ARRIVED)
             return residuals
 
         def jacobian(y: Array) -> Array:
@@ -406,16 +411,13 @@ class Residuals:
         return Descent(self.allowed(whole(ended[0])), ended[1], tuple(accumulate(costs, min)), *ended[2:])
 
 
-    def _settled(self, residuals: Array, jacobian: Array, y: Array, near: float) -> bool:
-        """Whether the sum of squares would fall by less than SHORT**2 of a residual's variance to the minimum of its
-        tangent, which is (the step there in standard errors)**2. What stands at an end of its range (y is 1 or 2, or `near`
-        it) and would go beyond stays there."""
-        slope = jacobian.T @ residuals
-        moving = ~(((y - 1 <= near) & (slope > 0)) | ((2 - y <= near) & (slope < 0)))
-        step = np.linalg.lstsq(jacobian[:, moving], residuals, rcond=1e-12)[0]
-        left = float(residuals @ residuals)
-        fall = left - float(np.sum((residuals - jacobian[:, moving] @ step)**2))
-        return fall < SHORT**2 * max(1.0, left / self.samples)
+def promised(residuals: Array, jacobian: Array, y: Array, near: float) -> float:
+    """By how much the sum of squares falls to the minimum of its tangent: (the step there in standard errors)**2 times the
+    variance of a residual. What stands at an end of its range (y is 1 or 2, or `near` it) and would go beyond stays."""
+    slope = jacobian.T @ residuals
+    moving = ~(((y - 1 <= near) & (slope > 0)) | ((2 - y <= near) & (slope < 0)))
+    step = np.linalg.lstsq(jacobian[:, moving], residuals, rcond=1e-12)[0]
+    return float(residuals @ residuals) - float(np.sum((residuals - jacobian[:, moving] @ step)**2))
 
 
 class Exceeded(Exception):

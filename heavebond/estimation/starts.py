@@ -104,14 +104,17 @@ class Starts:
         try:
             found = Residuals(problem.experiment, begun).minimise(
                 start, self.robust, lambda text: say(f"beginning of the records: {text}"), tolerance=1e-6,
-                partial=self.partial)
+                partial=self.partial, settle=not self.robust)
         except HeavebondError:  # one of them has no samples of a channel there
             found = Descent(start, np.inf, (), "")
         if found.message == ENDED_EARLY:
             return found
         try:
-            better = found.x if len(found.history) and problem.cost(found.x, True) < problem.cost(start) else start
-            return problem.minimise(better, self.robust, say, partial=self.partial, settle=not self.robust)
+            if len(found.history):
+                wrong, prior = problem.evaluate(found.x)[0], problem.priors(found.x)[0]
+                left = float(wrong @ wrong + prior @ prior)
+                start = start if problem.cost(start, left) < left else found.x
+            return problem.minimise(start, self.robust, say, partial=self.partial, settle=not self.robust)
         except KeyboardInterrupt:
             if not (self.partial and len(found.history)):
                 raise

@@ -41,7 +41,7 @@ from heavebond.numerics.idas import Tolerances
 from heavebond.numerics.machine_code import COMPILING, LISTED, MACHINE_CODE, compiler, worthwhile
 
 SOURCE = Path(__file__).parents[1] / "c" / "cvodes.c"
-FLAGS = ("-O2", "-shared", "-fPIC", "-ffp-contract=off")
+FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
 EQUATION_FLAGS = ("-shared", "-fPIC", *machine_code.FLAGS)
 VERSIONS = ("3.7", "3.8")  # of CasADi, whose CVODES is that of SUNDIALS 2 with double precision
 MOST_STATES = 60  # of the model: its Jacobian is dense here
