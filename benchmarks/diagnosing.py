@@ -26,7 +26,8 @@ HELD = "cylinder"
 LIMIT = 60.0
 GOALS = {"first page's": 5.0, "passive": 8.0, "cylinder": 25.0, "drive, 2 x 126 000 samples": 120.0}  # s
 # what a diagnosis says it is doing, by how its words begin; these two are said when they are done, the others before
-PHASES = {"simulating": "comparing with all records", "fitting what is free": "fitting what is free", "scoring": "scoring candidates",
+PHASES = {"simulating": "comparing with all records",
+          "fitting what is free": "fitting what is free", "scoring": "scoring candidates",
           "refitting": "refitting candidates", "comparing": "following the best closely",
           "confirming": "confirming the one chosen", "trying": "trying fixed values",
           "learning": "learning a curve", "is ": "looking back",
