@@ -134,8 +134,9 @@ class Regression:
         k = self.k
         normal, slope = self.learn[1:, 1:].copy(), self.learn[1:, 0]
         normal[k:, k:] += self.penalty
-        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        prior = np.concatenate([np.ones(k), np.zeros(len(scale) - k)])
+        prior = np.concatenate([np.ones(k), np.zeros(len(normal) - k)])
+        # a parameter of another record, and a function that does nothing, have no information
+        scale = np.sqrt(np.maximum(np.diag(normal) + prior, 1e-100))
         mean = np.concatenate([self.mean, np.zeros(len(scale) - k)])
         weight, found = 1.0, mean
         for _ in range(3):
