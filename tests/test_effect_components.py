@@ -642,7 +642,8 @@ KINDS = {"dry friction", "pressure-dependent friction", "viscous damping", "quad
          "polytropic exponent", "heat exchange", "heat loss", "heat capacity", "sensor offset", "sensor gain", "lag",
          "sensor drift", "gain by direction",
          "delay", "saturation", "dead band", "rate limit", "unknown law", "mechanical loss",
-         "external leakage", "wire taken up", "unbalance", "gas spring"}
+         "external leakage", "wire taken up", "unbalance", "gas spring", "heat radiation", "natural convection",
+         "thermal resistance", "contact resistance", "leakage current", "brush voltage"}
 
 
 def test_kinds_are_called_by_the_same_words() -> None:

@@ -82,6 +82,9 @@ SWING = "closed form; 1e-5 for the integration over several swings"
 T, LOAD = np.array([[1, 2], [3, 4]]), np.diag([4, 5])
 CASES = [
     Case("resistor", "load.i", lambda t: 3 + 0*t, LAW),
+    Case("conductance", "store.u", lambda t: 12*np.exp(-2*t), RUN),
+    Case("brush_contact", "winding.i", lambda t: 2.5 + 0*t, "(12 V - 2 V)/4 ohm; tanh(2.5 A/50 mA) is 1", 1e-6),
+    Case("current_curve_of_voltage", "part.i", lambda t: 1.5 + 0*t, LAW),
     Case("electrical_ground", "middle.v", lambda t: 9 + 0*t, LAW),
     Case("capacitor", "store.u", lambda t: 12*(1 - np.exp(-t/0.2)), RUN),
     Case("inductor", "coil.i", lambda t: 3*(1 - np.exp(-5*t)), RUN),

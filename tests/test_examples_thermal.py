@@ -50,6 +50,8 @@ CASES = [
          "dT' = -k*dT**(4/3) integrated; the transition at 0.1 K shows by some (0.1/13)**2/6", 5e-5),
     Case("heat_radiation", "1*block.T", lambda t: (1000.0**-3 + 3*0.8*5.670374e-8*0.05/920*t)**(-1/3),
          "T' = -k*T**4 integrated", TIGHT),
+    Case("heat_flow_curve_of_difference", "1*block.T", lambda t: ZERO + 20 + 60*np.exp(-2*t/(2*460)),
+         "2 W/K, 920 J/K", TIGHT),
     Case("temperature_sensor", "1*lag.y", lambda t: ZERO + 20 + (t - 10*(1 - np.exp(-t/10)))*500/4500,
          "a lag of 10 s behind a ramp", TIGHT),
     Case("heat_flow_sensor", "1*meter.y", lambda t: np.full_like(t, 0.04*10/0.1*25), "Fourier's law"),

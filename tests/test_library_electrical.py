@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from library_check import agree, checks, part
+from scipy.interpolate import BSpline
 
 V = np.array([-230.0, -1, 0, 0.5, 48])
 I = np.array([-20.0, 0, 0.1, 3, 100])  # noqa: E741 - the letter of a current
@@ -23,6 +24,17 @@ def test_two_poles() -> None:
     agree(found["der(i)"], V/5e-3)
     agree(found["a.i"], 2)
     agree(found["b.i"], -2)
+
+
+@checks("Conductance", "BrushContact")
+def test_leakage_and_brushes() -> None:
+    found = part("Conductance", G="2 mA/V")({"a.v": 10 + V, "b.v": 10})
+    agree(found["a.i"], 2e-3*V)
+    agree(found["b.i"], -2e-3*V)
+    found = part("BrushContact", U_b="2 V", i_t="50 mA")({"i": I, "b.v": 10})
+    agree(found["a.v"], 10 + 2*np.tanh(I/50e-3))
+    agree(found["a.i"], I)
+    agree(found["b.i"], -I)
 
 
 @checks("VoltageSource", "CurrentSource", "Battery", "ElectricalGround", "VoltageSensor", "CurrentSensor",
@@ -84,3 +96,17 @@ def test_motors() -> None:
     agree(found["s.tau"], -0.05*i)
     agree(found["h.tau"], 0.05*i)
     agree(found["b.i"], -i)
+
+
+@checks("CurrentCurveOfVoltage")
+def test_current_curve() -> None:
+    coefficients = np.array([3, -1, 4, 1, -5, 9, 2, -6, 5])*0.1
+    law = part("CurrentCurveOfVoltage", v_0="1 V", v_r="8 V", **{f"i_{k + 1}": c for k, c in enumerate(coefficients)})
+    positions = np.linspace(-3.75, 3.75, 31)
+    design = [BSpline.basis_element(k + np.arange(-2.0, 3), extrapolate=False)(positions) for k in range(-4, 5)]
+    expected = coefficients @ np.nan_to_num(np.array(design))
+    found = law({"a.v": 4 + positions*2, "b.v": 3})
+    agree(found["a.i"], expected, size=0.1)
+    agree(found["b.i"], -found["a.i"])
+    ends = law({"a.v": 4 + np.array([-9, -4, 4, 9])*2, "b.v": 3})["i"]
+    agree(ends[[0, 3]], ends[[1, 2]])  # beyond the range it keeps its value

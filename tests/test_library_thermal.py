@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from library_check import agree, checks, part
+from scipy.interpolate import BSpline
 
 T_A = np.array([250.0, 293.15, 300, 350, 1000])  # colder and warmer than the other side, and as warm
 T_B = 300.0
@@ -64,3 +65,18 @@ def test_sources_and_sensors_are_what_they_define() -> None:
     gauge = part("TemperatureSensor")({"a.T": T_A})
     agree(gauge["y"], T_A)
     agree(gauge["a.Q"], 0, size=1e-30)
+
+
+@checks("HeatFlowCurveOfDifference")
+def test_heat_flow_curve() -> None:
+    coefficients = np.array([3, -1, 4, 1, -5, 9, 2, -6, 5])*10.0
+    heights = {f"Q_{k + 1}": c for k, c in enumerate(coefficients)}
+    law = part("HeatFlowCurveOfDifference", dT_0="10 K", dT_r="80 K", **heights)
+    positions = np.linspace(-3.75, 3.75, 31)
+    design = [BSpline.basis_element(k + np.arange(-2.0, 3), extrapolate=False)(positions) for k in range(-4, 5)]
+    expected = coefficients @ np.nan_to_num(np.array(design))
+    found = law({"a.T": 310 + positions*20, "b.T": 300})
+    agree(found["a.Q"], expected, size=10)
+    agree(found["b.Q"], -found["a.Q"])
+    ends = law({"a.T": 310 + np.array([-9, -4, 4, 9])*20, "b.T": 300})["Q"]
+    agree(ends[[0, 3]], ends[[1, 2]])  # beyond the range it keeps its value

@@ -190,6 +190,18 @@ def test_what_the_names_leave_open_follows_from_units_or_stays_open(rig: Path, t
     assert any("remark" in remark for remark in found.remarks) and any("drives" in remark for remark in found.remarks)
 
 
+def test_an_input_that_steps_is_held_between_its_samples(rig: Path, tmp_path: Path) -> None:
+    def between(course: Callable[[float], float]) -> str:
+        rows = "".join(f"{t / 50:g},{course(t / 50):.2f},{t}\n" for t in range(500))
+        (tmp_path / "record.csv").write_text(f"time,shaker_mm,load_mm\n{rows}", encoding="utf-8")
+        found = propose(read_table(tmp_path / "record.csv"), assemble(hb.load(rig / "rig.yaml")))
+        return next(c.interpolation for c in found.columns if c.target == "shaker.u")
+
+    assert between(lambda t: 20.0 * (int(t) % 3)) == "hold"
+    assert between(lambda t: 20.0 * np.sin(t)) == "spline"
+    assert between(lambda t: 0.01 * int(40 * np.sin(t / 3))) == "spline"  # rounded, and slow
+
+
 def test_the_experiment_that_a_form_describes_is_read_before_it_is_written(rig: Path) -> None:
     columns = [{"column": "time_s", "role": "time", "unit": "s"},
                {"column": "deck_m", "role": "input", "target": "shaker.u", "unit": "m", "interpolation": "spline"},

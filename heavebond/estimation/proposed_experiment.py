@@ -28,6 +28,7 @@ from heavebond.text.expression import Number, names
 
 TIMES = frozenset({"t", "time", "times", "zeit", "tid", "temps", "seconds", "sec", "timestamp", "clock", "date", "datetime"})
 SKETCHED = 160  # points of a column in the sketch of its course
+STEPPING, STEP = 0.2, 0.05  # share of samples that differ from the one before, and of the range that a usual step is
 LETTER = 0.1  # what a single letter counts that two names share
 TOLERANCE = 20.0  # %, of a parameter of which nothing else is known
 SHORT = 3  # letters of a word that may stand for a longer one: `pos` for `position`
@@ -105,11 +106,19 @@ def _column(table: Table, name: str, unit: tuple[str, Unit, bool] | None, role: 
     values = table.columns[name]
     finite = values[np.isfinite(values)]
     usual = "s" if role == "time" else target.unit.text if target is not None else "1"
-    between = "" if target is None or role != "input" else \
+    between = "" if target is None or role != "input" else "hold" if _in_steps(finite) else \
         "spline" if dimension_text(target.unit.dimension) in SMOOTH else "linear"
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (np.nan, np.nan)
     return Column(name, unit[1].text if unit is not None else usual, unit is not None, role,
                   target.name if target is not None else "", between, low, high, len(finite), _sketch(values))
+
+
+def _in_steps(values: Array) -> bool:
+    """Whether a course stays at its values and steps from one to the next, as a command that is held: most samples repeat
+    the one before, and a usual step is no rounding of a slow course."""
+    steps = np.abs(np.diff(values))
+    moved = steps[steps > 0]
+    return len(moved) > 0 and len(moved) < STEPPING * len(steps) and float(np.median(moved)) > STEP * float(np.ptp(values))
 
 
 def _sketch(values: Array) -> tuple[float, ...]:

@@ -1,0 +1,94 @@
+"""Effects of heat and of electric circuits, hidden in records of small machines and found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import heavebond as hb
+
+OVEN = """\
+model: oven
+components:
+  heater:  {is: HeatSource, u: "=200 W + 180 W*sin(2*pi*time/SLOW) + 40 W*sin(2*pi*time/(11 min))"}
+  plate:   {is: HeatCapacity, m: 1 kg, c: 450 J/(kg*K)}
+  contact: {is: ThermalResistance, R: 0.11 K/W}
+  block:   {is: HeatCapacity, m: 5 kg, c: 440 J/(kg*K)}
+  air:     {is: ThermalResistance, R: 0.8 K/W}
+  room:    {is: Ambient, T_0: 22 degC}
+nodes:
+  plate: [heater.a, plate.a, contact.a]
+  block: [contact.b, block.a, air.a]
+  room:  [air.b, room.a]
+initial: {plate.T: 22 degC, block.T: 22 degC}
+show: {plate: {is: plate.T, unit: degC}, block: {is: block.T, unit: degC}, power: {is: heater.u, unit: W}}
+simulate: {until: 4 h, every: 30 s}
+"""
+DRIVE = """\
+model: drive
+components:
+  supply: {is: VoltageSource, u: "=7 V*sin(2*pi*time/SLOW) + 3 V*sin(2*pi*time/(0.7 s))"}
+  ground: {is: ElectricalGround}
+  motor:  {is: DCMotor, R: 1.1 ohm, L: 2 mH, k: 0.05 N*m/A, J: 1 kg*cm**2, d: 1e-4 N*m*s/rad}
+nodes:
+  plus:  [supply.a, motor.a]
+  minus: [supply.b, motor.b, ground.a]
+  shaft: [motor.s]
+initial: {shaft.w: 0 rad/s, motor.i: 0 A}
+show: {current: {is: motor.i, unit: A}, speed: {is: shaft.w, unit: rad/s}, voltage: {is: supply.u, unit: V}}
+simulate: {until: 8 s, every: 10 ms}
+"""
+RADIATION = ("components: {glow: {is: HeatRadiation, A: 600 cm**2, epsilon: 0.8}}\n"
+             "nodes: {block: [+glow.a], room: [+glow.b]}\n")
+BRUSHES = ("components: {brushes: {is: BrushContact, U_b: 0.8 V}}\n"
+           "nodes: {plus: [-motor.a, +brushes.a], inside: [brushes.b, motor.a]}\n")
+
+
+def found(folder: Path, machine: str, hidden: str, slow: tuple[str, str], channels: dict[str, tuple[str, str, str, float]],
+          driven: tuple[str, str], free: str, classes: list[str]) -> hb.Diagnosis:
+    """The diagnosis of a machine from two records of it with something hidden: `channels` by their outputs with signal,
+    unit, text of the noise and its size; `driven` is the input and its output, `slow` its period in each record."""
+    rng = np.random.default_rng(5)
+    (folder / "machine.yaml").write_text(machine.replace("SLOW", f"({slow[0]})"), encoding="utf-8")
+    for name, period in zip(("one", "two"), slow, strict=True):
+        (folder / f"{name}.yaml").write_text(machine.replace("SLOW", f"({period})"), encoding="utf-8")
+        (folder / "hidden.yaml").write_text(f"model: hidden\nextends: {name}.yaml\n{hidden}", encoding="utf-8")
+        run = hb.simulate(hb.load(folder / "hidden.yaml"))
+        columns = [run.time, run.display[driven[1]]]
+        columns += [run.display[shown] + size*rng.standard_normal(len(run.time)) for shown, (*_, size) in channels.items()]
+        np.savetxt(folder / f"{name}.csv", np.array(columns).T, delimiter=",", comments="",
+                   header=",".join(["t", "u", *channels]))
+    outputs = "".join(f"  {signal}: {{column: {shown}, unit: {unit}, noise: {noise}}}\n"
+                      for shown, (signal, unit, noise, _) in channels.items())
+    unit = hb.load(folder / "machine.yaml").show[driven[1]].unit
+    (folder / "measured.yaml").write_text(
+        "experiment: measured\nmodel: machine.yaml\nrecords:\n  one: {file: one.csv, use: fit}\n"
+        "  two: {file: two.csv, use: validate}\ntime: {column: t, unit: s}\n"
+        f"inputs:\n  {driven[0]}: {{column: u, unit: {unit}, interpolation: spline}}\noutputs:\n{outputs}free: {free}\n",
+        encoding="utf-8")
+    return hb.diagnose(folder / "measured.yaml", classes=classes, number=1)
+
+
+def test_radiation_of_a_hot_block_is_told_from_other_losses_and_from_the_sensors(tmp_path: Path) -> None:
+    said = found(tmp_path, OVEN, RADIATION, ("70 min", "95 min"),
+                 {"plate": ("plate.T", "degC", "0.15 K", 0.15), "block": ("block.T", "degC", "0.15 K", 0.15)},
+                 ("heater.u", "power"), "{contact.R: 0.11 K/W +- 20 %, air.R: 0.8 K/W +- 40 %}",
+                 ["heat radiation", "heat loss", "natural convection", "thermal resistance", "sensor offset", "sensor gain"])
+    (finding,) = said.findings
+    assert said.verdict in ("effect", "one_of") and "heat radiation" in finding.kinds, said.words
+    assert finding.candidate.component == "HeatRadiation" and set(finding.candidate.where) == {"block", "room"}
+    assert said.ladder[-1].chi2_held_out < 1.3 < 20 < said.ladder[1].chi2_held_out
+    # area times emissivity, which act as one
+    assert finding.fit.values["heat_radiation.A"] == pytest.approx(0.8*600e-4, rel=0.05)
+
+
+def test_the_voltage_of_brushes_is_told_from_resistance_and_friction(tmp_path: Path) -> None:
+    said = found(tmp_path, DRIVE, BRUSHES, ("2.3 s", "1.7 s"),
+                 {"current": ("motor.i", "A", "10 mA", 10e-3), "speed": ("shaft.w", "rad/s", "0.3 rad/s", 0.3)},
+                 ("supply.u", "voltage"), "{motor.R: 1.1 ohm +- 20 %, motor.d: 1e-4 N*m*s/rad +- 50 %}",
+                 ["brush voltage", "contact resistance", "leakage current", "dry friction", "dead band"])
+    (finding,) = said.findings
+    assert said.verdict in ("effect", "one_of") and "brush voltage" in finding.kinds, said.words
+    assert said.ladder[-1].chi2_held_out < 1.3 < 20 < said.ladder[1].chi2_held_out
