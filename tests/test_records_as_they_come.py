@@ -479,3 +479,26 @@ def test_a_first_sample_that_is_dropped_is_no_start(tmp_path: Path) -> None:
     assert "load.x begins at 0.05 m in the record" in notes(compare(experiment(tmp_path, columns)))
     dropped = notes(compare(experiment(tmp_path, columns, x="outliers: drop")))
     assert "left out of all figures" in dropped and "begins at" not in dropped
+
+
+def test_a_steady_start_holds_measured_inputs_still(tmp_path: Path) -> None:
+    # the record begins in motion: a damper that felt the slope of its spline would hold the load off its equilibrium
+    t = np.arange(0.0, 2.0, 0.02)
+    write(tmp_path / "deck.csv", {"t": t, "u": 0.01 * np.sin(3 * t)})
+    (tmp_path / "rig.yaml").write_text("""
+model: rig
+components:
+  deck:   {is: PositionSource, u: {file: deck.csv, column: u, unit: m, interpolation: spline, time: {column: t, unit: s}}}
+  spring: {is: Spring, c: 1 kN/m}
+  damper: {is: Damper, d: 200 N*s/m}
+  load:   {is: Mass, m: 10 kg}
+  weight: {is: Weight, m: =load.m}
+nodes: {deck: [deck.a, spring.a, damper.a], load: [spring.b, damper.b, load.a, weight.a]}
+initial: {start: steady}
+simulate: {until: 1 s, every: 20 ms}
+""", encoding="utf-8")
+    run = hb.simulate(hb.load(tmp_path / "rig.yaml"), sensitivities=["spring.c"])
+    assert run["deck.v"][0] == pytest.approx(0.03, rel=1e-3)
+    assert run["load.x"][0] == pytest.approx(-10 * 9.81 / 1e3, rel=1e-8)
+    assert run.sensitivity("load.x", "spring.c")[0] == pytest.approx(10 * 9.81 / 1e3**2, rel=1e-6)
+    assert run["damper.F"][0] == pytest.approx(-200 * 0.03, rel=1e-3)  # the run itself begins with the inputs moving

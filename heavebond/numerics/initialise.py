@@ -59,6 +59,16 @@ def start(assembly: Assembly, t: float = 0.0, u: Array | None = None, equations:
         raise
 
 
+def held_still(u: Array, t: float) -> Array:
+    """The pieces of the measured inputs (see `dae.substitute_inputs`) with their values at t, and no derivatives: a spline
+    through samples has a slope at its end even where the machine was at rest, and a small one fills or empties a chamber
+    that hardly leaks."""
+    found = u.copy()
+    for k in range(1, len(u), 4):
+        found[k:k + 4] = np.polyval(u[k:k + 4][::-1], t - u[0]), 0.0, 0.0, 0.0
+    return found
+
+
 @dataclass(frozen=True)
 class Tangent:
     """How the start moves with parameters: dx (n_x, m), dz (n_z, m), dp (n_p, m) along m directions."""
@@ -77,7 +87,8 @@ def tangent(equations: StartEquations, first: Start, u: Array, directions: Array
     """
     n_x, n_z = len(first.x), len(first.z)
     sizes = equations.sizes(first.p)
-    point = Point(first.t, first.x, first.z, first.p, u, 0.0 if equations.steady else 1.0)
+    moving = Point(first.t, first.x, first.z, first.p, u, 1.0)
+    point = replace(moving, u=held_still(u, first.t), rate=0.0) if equations.steady else moving
     dp = directions.copy()
     dp[equations.solved_for] = 0.0
     dy = np.zeros((len(sizes), dp.shape[1]))
@@ -91,8 +102,7 @@ def tangent(equations: StartEquations, first: Start, u: Array, directions: Array
     dp[equations.solved_for] = dy[n_x + n_z:]
     dx, dz = dy[:n_x], dy[n_x:n_x + n_z]
     if n_z:
-        point = replace(point, rate=1.0)
-        dz = _least_change(equations.algebraic.at(point), equations.algebraic.moved(point, dp, dx), sizes[n_x:n_x + n_z])
+        dz = _least_change(equations.algebraic.at(moving), equations.algebraic.moved(moving, dp, dx), sizes[n_x:n_x + n_z])
     return Tangent(dx, dz, dp)
 
 
@@ -128,8 +138,9 @@ class _Search:
         p = self.assembly.p.copy()
         p[self.equations.solved_for] = y[self.n_x + self.n_z:]
         p[self.equations.widths] *= self.widening
-        still = 0.0 if self.equations.steady else 1.0  # a steady start holds the inputs still
-        return Point(self.t, y[: self.n_x], y[self.n_x:self.n_x + self.n_z], p, self.u, still if rate is None else rate)
+        rate = rate if rate is not None else 0.0 if self.equations.steady else 1.0  # a steady start holds the inputs still
+        u = self.u if rate else held_still(self.u, self.t)
+        return Point(self.t, y[: self.n_x], y[self.n_x:self.n_x + self.n_z], p, u, rate)
 
     def _scaled(self, system: StartSystem) -> System:
         """Residuals and Jacobian in unknowns counted in their usual sizes."""
@@ -190,7 +201,8 @@ class _Search:
             y = self._settle(y)
         except StartError:
             return found
-        for x, z in at_rest(self.assembly, self.t, y[: self.n_x], y[inner], self._point(y).p, self.u):
+        point = self._point(y)
+        for x, z in at_rest(self.assembly, self.t, y[: self.n_x], y[inner], point.p, point.u):
             y[: self.n_x], y[inner] = x, z
             found = newton(system, y, self.frame)
             if found.good:
