@@ -8,13 +8,11 @@ from pathlib import Path
 import pytest
 
 from heavebond.core.errors import ModelError
-from heavebond.language.component_file import parse_component
 from heavebond.language.definition import Component
 from heavebond.language.laws import check
 from heavebond.language.library import bundled, library
 from heavebond.language.power_law import TOLERANCE, PowerReport, check_power
-from heavebond.text.expression import Call, FunctionCall, Name, calling, children, inside
-from heavebond.text.yaml_source import read
+from heavebond.text.expression import Call, FunctionCall, Name, children, inside
 
 DOMAINS = library().domains
 FILES = [path for path in (*sorted(bundled("components").rglob("*.yaml")),
@@ -24,8 +22,8 @@ every_file = pytest.mark.parametrize("path", FILES, ids=[path.stem for path in F
 
 
 def load(path: Path) -> Component:
-    with calling(library().functions):
-        return parse_component(read(path), DOMAINS)
+    known = library([path.parent])
+    return known.component(next(name for name, file in known.files.items() if file == path))
 
 
 @every_file

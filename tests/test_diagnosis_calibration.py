@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from heavebond.diagnosis import early_stopping
 from heavebond.diagnosis.calibration_errors import is_calibration_error
 from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
@@ -81,7 +82,8 @@ def test_friction_does_not_absorb_an_offset(tmp_path: Path) -> None:
     assert [f.candidate.label for f in found.findings] == ["CoulombFriction between rail and load",
                                                            "SensorOffset before foot.u"]
     alone = {t.candidate.component: t.cost for t in found.steps[0].trials}
-    assert alone["DirectionalFriction"] < alone["CoulombFriction"]
+    # a refit ends where its tangent promises less than a thousandth
+    assert alone["DirectionalFriction"] < (1 + early_stopping.LITTLE) * alone["CoulombFriction"]
     values = [p.value for f in found.findings for p in f.parameters]  # of the diagram with both
     assert values == pytest.approx([1.5, 8e-3], rel=0.02)
 

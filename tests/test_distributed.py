@@ -22,7 +22,7 @@ from heavebond.cli import main
 from heavebond.core.cluster import Cluster
 from heavebond.core.kept_lines import KeptLines
 from heavebond.diagnosis.candidate_workers import Workers, working_on
-from heavebond.diagnosis.catalogue import candidates
+from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.scoring import Score
 from heavebond.diagnosis.stage import fitted_base
@@ -51,7 +51,7 @@ def numbers(refit: Refit) -> tuple[Any, ...]:
 def test_a_cluster_refits_as_this_computer_does_though_a_worker_is_killed(local: Any) -> None:
     """To the last bit: scores and refits of candidates, as the base model is made anew from the same numbers."""
     base = fitted_base(load_experiment(RIG))
-    chosen = [c for c in candidates(base.problem.experiment) if c.label in CHOSEN]
+    chosen = [c for c in single_candidates(base.problem.experiment) if c.label in CHOSEN]
 
     def refitted(killing: Callable[[], None] = lambda: None) -> tuple[dict[str, list[Score]], list[dict[str, Refit]]]:
         with Workers(base, 1) as workers:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
 import sys
 import tempfile
+import threading
+import time as clock
 from dataclasses import replace
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -81,3 +86,23 @@ def test_a_single_short_run_is_not_compiled() -> None:
     assert hb.simulate(hb.load("quarter_car")).statistics["equations"] == "list of operations"
     assert not worthwhile(0.2, 1000) and worthwhile(0.3, 1000)
     assert not worthwhile(1e9, COMPILING.max_operations + 1)
+
+
+@needs_compiler
+def test_an_interrupt_while_the_compiler_runs_is_not_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    slow = tmp_path / "slow-compiler"
+    slow.write_text('#!/bin/sh\ntouch "$0.runs"\nsleep 5\nexec gcc "$@"\n', encoding="utf-8")
+    slow.chmod(0o755)
+    monkeypatch.setattr(machine_code, "compiler", lambda: str(slow))
+
+    def interrupt() -> None:
+        while not Path(f"{slow}.runs").exists():
+            clock.sleep(0.01)
+        clock.sleep(0.2)  # ten times as long as between two looks
+        os.kill(os.getpid(), signal.SIGINT)
+
+    x, began = ca.SX.sym("x"), clock.perf_counter()
+    threading.Thread(target=interrupt).start()
+    with pytest.raises(KeyboardInterrupt):
+        machine_code.with_compiled_equations(lambda options: ca.integrator("i", "idas", {"x": x, "ode": -x}, 0, 1, options))
+    assert clock.perf_counter() - began < 4

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipk
 
 import heavebond as hb
-from heavebond.diagnosis.catalogue import candidates
+from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.energy.audit import audit
 from heavebond.equations.places import nodes_of
 from heavebond.language.library import library
@@ -110,7 +110,7 @@ outputs: {height: {is: end.y, column: y, unit: m}}
 free: {bob.J: 0.1 kg*m**2 +- 20 %}
 """)
     experiment = hb.load_experiment(tmp_path / "experiment.yaml")
-    labels = {candidate.label for candidate in candidates(experiment)}
+    labels = {candidate.label for candidate in single_candidates(experiment)}
     assert {"PinFriction between ground and top", "RevoluteJointWithPlay in place of pin"} <= labels
     with pytest.raises(hb.UsageError, match="Join a PlanarShaft"):
         hb.localize(experiment)

@@ -11,12 +11,13 @@ from __future__ import annotations
 import ctypes
 import os
 import shutil
+import signal
 import sys
 import tempfile
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from threading import Thread
+from threading import Thread, current_thread, main_thread
 from typing import Any
 
 import casadi as ca
@@ -29,6 +30,7 @@ COMPILERS = ("gcc", "clang", "cc")
 FLAGS = ("-O1", "-ffp-contract=off")
 CLONE_FS = 0x200  # of Linux: what a thread no longer shares with the others, its current folder among it
 MACHINE_CODE, LISTED = "machine code", "list of operations"  # how equations are evaluated, in the statistics of a run
+AGAIN = 0.02  # s between two looks at a thread that compiles
 Made = Callable[[Mapping[str, Any]], ca.Function]  # an integrator with these options besides its own
 
 
@@ -69,29 +71,42 @@ def compiled(make: Made, flags: Sequence[str] = FLAGS) -> ca.Function:
     """What `make` builds, as machine code; RuntimeError where the compiler fails. (For methods that CasADi translates as a
     whole.)"""
     with _folder() as folder:
-        return make(_options(folder, flags))
+        return _in_thread(lambda: make(_options(folder, flags)))
 
 
 def with_compiled_equations(make: Made) -> ca.Function:
     """The integrator that `make` builds, its equations as machine code; RuntimeError where the compiler fails, and where the
     system does not let a thread have a current folder of its own: CasADi writes the C program of the equations there."""
+    def build() -> ca.Function:
+        if sys.platform != "linux" or ctypes.CDLL(None).unshare(CLONE_FS) != 0:
+            raise RuntimeError("a thread cannot have a current folder of its own")
+        os.chdir(folder)  # of this thread alone
+        return make(_options(folder, FLAGS))
+
+    with _folder() as folder:
+        return _in_thread(build)
+
+
+def _in_thread(build: Callable[[], ca.Function]) -> ca.Function:
+    """What `build` makes in a thread; RuntimeError where it fails. CasADi calls the compiler by system(3), which lets the
+    whole process ignore interrupts meanwhile, so that Ctrl-C would be lost: the main thread sets what handles them again and
+    again."""
     found: list[ca.Function | Exception] = []
 
-    def build(folder: str) -> None:
+    def run() -> None:
         try:
-            if sys.platform != "linux" or ctypes.CDLL(None).unshare(CLONE_FS) != 0:
-                raise RuntimeError("a thread cannot have a current folder of its own")
-            os.chdir(folder)  # of this thread alone
-            found.append(make(_options(folder, FLAGS)))
+            found.append(build())
         except Exception as error:
             found.append(error)
 
-    with _folder() as folder:
-        thread = Thread(target=build, args=(folder,))
-        thread.start()
-        thread.join()
+    thread, handler = Thread(target=run, daemon=True), signal.getsignal(signal.SIGINT)
+    thread.start()
+    while thread.is_alive():
+        thread.join(AGAIN)
+        if handler is not None and current_thread() is main_thread():
+            signal.signal(signal.SIGINT, handler)
     if isinstance(made := found[0], Exception):
-        raise RuntimeError(str(made))
+        raise RuntimeError(str(made)) from made
     return made
 
 
