@@ -506,6 +506,17 @@ initial: {bob.phi: -30 deg, bob.w: 0 rad/s, bob.x: ~ 0 m}
 show: {bob.phi: {unit: rad}}
 simulate: {until: 0.5 s, every: 10 ms}
 """
+NETWORK = """
+components:
+  supply: {is: VoltageSource, u: "=12 V*sin(2*pi*time/0.2 s)"}
+  ground: {is: ElectricalGround}
+  lead:   {is: Resistor, R: 3 ohm}
+  store:  {is: Capacitor, C: 5 mF}
+nodes: {plus: [supply.a, lead.a], high: [lead.b, store.a], low: [supply.b, store.b, ground.a]}
+initial: {store.u: 0 V}
+show: {lead.i: {unit: A}, store.u: {unit: V}}
+simulate: {until: 1 s, every: 1 ms}
+"""
 # domain -> diagram, nodes for `across`, node for `at`, (port, its node) for `in series`, nodes for `also`
 PLACES = {
     "translational": (HANGING, ("top", "load"), "load", ("gas.a", "top")),
@@ -513,6 +524,7 @@ PLACES = {
     "hydraulic": (CIRCUIT, ("high", "low"), "low", ("throttle.a", "high")),
     "pneumatic": (GAS, ("vessel", "air"), "vessel", ("outlet.a", "vessel")),
     "thermal": (HEAT, ("block", "room"), "case", ("skin.a", "case")),
+    "electrical": (NETWORK, ("high", "low"), "high", ("lead.a", "plus")),
     "planar": (PLANE, ("ground", "bob"), "bob", ("pin.b", "bob")),
 }
 OLD = {"Spring": (HANGING, "gas", "c: 5 kN/m"), "SpringDamper": (HANGING, "rope", "c: 9 kN/m, d: 200 N*s/m"),
@@ -527,7 +539,7 @@ NEARLY = {"SeriesCompliance": "c: 1e8 N/m", "ShaftCompliance": "c: 1e7 N*m/rad",
           "RateLimit": "r_max: 1e5 {}/s, T_f: 1 ms",
           "Saturation": "u_min: -1e6 {}, u_max: 1e6 {}", "Backlash": "gap: 1 um, c: 1e8 N/m, d: 1e6 N*s/m",
           "GearBacklash": "gap: 1e-6 rad, c: 1e7 N*m/rad, d: 1e4 N*m*s/rad", "ReceiverWithHeat": "G: 1e5 W/K",
-          "RevoluteJointWithPlay": "gap: 0.1 um, c: 1e7 N/m"}
+          "ThermalResistance": "R: 1e-4 K/W", "RevoluteJointWithPlay": "gap: 0.1 um, c: 1e7 N/m"}
 
 
 def absent(component: Component, unit: str = "") -> str:

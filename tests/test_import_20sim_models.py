@@ -453,7 +453,7 @@ def test_elements_of_the_library_are_recognised_by_their_equations(tmp_path: Pat
              + part("Effort", "power out p", "parameters\n real effort = 6;\nvariables\n real flow;\nequations\n"
                     " p.e = effort;\n flow = p.f;")
              + one("Ring") + part("Loss", "power in p", "parameters\n real r = 1;\nequations\n p.f = p.e / r;")
-             + part("Conductance", "power in p", "parameters\n real g = 0.5;\nequations\n p.f = g * p.e;")
+             + part("Leak", "power in p", "parameters\n real g = 0.5;\nequations\n p.f = g * p.e;")
              + part("Square", "power in p", "parameters\n real r = 0.5;\nequations\n p.e = r * p.f * abs (p.f);")
              + part("Momentum", "power in p; signal out state", "parameters\n real i = 4;\nequations\n"
                     " state = int (p.e, 2);\n p.f = state / i;")
@@ -463,12 +463,12 @@ def test_elements_of_the_library_are_recognised_by_their_equations(tmp_path: Pat
                     " state = int (p.f, 0.05);\n p.e = state / c;"))
     run = imported(tmp_path, parts, "Wave\\y -> Sum1\\plus; Bias\\output -> Sum1\\minus; Sum1\\output -> Amplifier\\input; "
                    "Amplifier\\output -> Limiter\\input; Limiter\\output -> Store\\input; Effort\\p => Ring\\p; "
-                   "Ring\\p => Loss\\p; Ring\\p => Conductance\\p; Ring\\p => Square\\p; Ring\\p => Momentum\\p; "
+                   "Ring\\p => Loss\\p; Ring\\p => Leak\\p; Ring\\p => Square\\p; Ring\\p => Momentum\\p; "
                    "Ring\\p => Ratio\\p1; Ratio\\p2 => Spring\\p", 3.0)
     text = (tmp_path / "out" / "m.yaml").read_text()
     for line in ("Sum1: {is: Sum, k_1: 1, k_2: -1,", "Bias: {is: Constant, k: 0.25,", "Amplifier: {is: Gain, k: 3,",
                  "Limiter: {is: Saturation, u_min: -0.5, u_max: 1,", "Store: {is: Integrator, k: 1 1/s,",
-                 "Effort: {is: Se, u: 6 W, k: 1,", "Loss: {is: R, R: 1 W,", "Conductance: {is: Conductance,",
+                 "Effort: {is: Se, u: 6 W, k: 1,", "Loss: {is: R, R: 1 W,", "Leak: {is: Leak,",
                  "Square: {is: Square,", "Momentum: {is: I, I: 4 W*s,", "Ratio: {is: TF, m: 0.2,",
                  "Spring: {is: C, C: 0.1 s/W,", "Momentum.a.f: 0.5\n", "Spring.a.e: 0.5 W\n", "Store.y: 0.5\n"):
         assert line in re.sub(" +", " ", text), line

@@ -47,7 +47,7 @@ def _measured(problem: Residuals, base: Base, wrong: Array) -> Base:
     """The base model fitted to records that lie `wrong` (n,) noises above what it says at its start."""
     run, = problem.runs
     measured = run.measured.copy()
-    measured[run.counts] += ((base.r + wrong).reshape(-1, 1) * run.noise).ravel()
+    measured[run.counts] += (base.r + wrong) * np.broadcast_to(run.noise, run.counts.shape)[run.counts]
     run.measured = measured
     problem._known.clear()
     inner = np.asarray(problem.minimise(problem.start, False, lambda text: None, tolerance=1e-8).x)

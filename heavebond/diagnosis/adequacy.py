@@ -31,11 +31,12 @@ from heavebond.numerics.result import Probe
 class Adequacy:
     """How far an effect explains the misfit.
 
-    explained: share of chi-square above the noise that it takes away, cross-validated and on held-out data; flexible: the
-    identified curve at its place that predicts best; elsewhere: one at another place that predicts as well as the effect or
-    better; beaten: whether the curve `flexible` explains most of what the effect leaves; covered: share of the held-out
-    motion that lies inside the motion that this curve was fitted to (NaN without one); complete: whether all candidates of
-    its step were tried beside the effect; tried: whether all identified curves were.
+    explained: share of chi-square above the noise that it takes away, cross-validated and on held-out data; flexible:
+    the identified curve at its place that predicts best; elsewhere: one at another place that predicts as well as the
+    effect or better; beaten: whether the curve `flexible` explains most of what the effect leaves; covered: share of the
+    held-out motion that lies inside the motion that this curve was fitted to (NaN without one); complete: whether all
+    candidates of its step, and other values of what is held fixed, were tried beside the effect; tried: whether all
+    identified curves were.
     """
 
     explained: float

@@ -221,7 +221,7 @@ def _diagnosed(experiment: Experiment | str | Path, steps: int, number: int | No
     if unexplained(come.ladder, come.findings, come.steps):
         come, shape, judged = _without_name(come, way, confirming.one, number, left(), say)
     if shape is None and not (judged is not None and judged.stands) and not come.steps[-1].partial \
-            and unexplained(come.ladder, come.findings, come.steps):
+            and VALUES not in come.untried and unexplained(come.ladder, come.findings, come.steps):
         say("learning a curve")
         come, shape = _shape(come, as_long_as(part, now), confirming.one, number, left())
     found = [*come.findings, *([shape] if shape is not None else [])]
@@ -310,7 +310,7 @@ def _without_name(come: _SearchState, way: Selection, confirm: Confirm, number: 
         way[0].step.experiment, beside=way[0].candidate, number=number, seconds=seconds,
         progress=lambda text: say(f"identified curves: {text}")))
     come = come if curves is not None and not curves.partial else come.without(CURVES)
-    judged = adequacy(way[0].chosen, way[0].step, curves, not come.steps[0].partial)
+    judged = adequacy(way[0].chosen, way[0].step, curves, not come.steps[0].partial and VALUES not in come.untried)
     if not judged.beaten or judged.flexible is None or curves is None:
         return come, None, judged
     without = come.ladder[:len(come.ladder) - len(come.findings)]

@@ -25,9 +25,10 @@ class CurveConstants:
         estimate. Doubled: simpler laws are named.
     simple_factor: the same as a factor on what the free curve leaves. Origin: as above. Doubled (in its excess over 1):
         simpler laws.
-    strong, inexact: chi-square, and share of the samples, by which a variable must leave more than one that leaves noise to
-        be told from it. Origin: strong evidence, 2 ln B = 10 (R. E. Kass, A. E. Raftery, 1995); no law is exact. Doubled:
-        the first of two variables is named where the second explains more.
+    strong: chi-square by which a variable must leave more than one that leaves noise to be told from it. Origin: strong
+        evidence, 2 ln B = 10 (R. E. Kass, A. E. Raftery, 1995). Doubled: the first of two variables is named where the
+        second explains more.
+    inexact: the same as a share of the samples, besides. Origin: no law is exact. Doubled: as above, for long records.
     exact: share of the misfit that counts as left beside what a law leaves when laws are compared. Origin: no law is
         exact, nor is the linear model. Doubled: simpler laws are named.
     per_number: factor on the share left by which a law with one number more must be better. Origin: as above.
@@ -41,7 +42,7 @@ class CurveConstants:
     test_blocks: blocks of time of the samples not learnt from, over which the error of a mean is taken. Origin: many enough
         for a t value, and longer than residuals are correlated. Doubled: smaller errors where residuals are slow.
     smoothness: penalties of differences of coefficients that are tried, over their mean information. Origin: from none to a
-        constant. More of them: time.
+        constant. Doubled: smoother curves.
     crossed: share of samples on either side of zero from which a variable crosses it. Origin: below, a step at zero
         cannot be seen. Doubled: fewer steps.
     """
