@@ -36,7 +36,8 @@ def test_leakage_inside_a_block_is_found_beside_the_other_effects_of_its_block(t
     assert named(found) == {("internal leakage", CYLINDER)}
     (size,) = found.findings[0].parameters
     assert size.interval[0] < leakage < size.interval[1]
-    assert found.findings[0].rung.chi2_held_out < 1.1 < 1.2 < found.ladder[1].chi2_held_out  # 1806 samples: 1 +- 0.03
+    # 1806 samples: 1 +- 0.03; what the loop hides is 0.1
+    assert found.findings[0].rung.chi2_held_out < 1.07 < 1.1 < found.ladder[1].chi2_held_out
 
 
 def test_effects_are_tried_on_nodes_inside_blocks(tmp_path: Path) -> None:
