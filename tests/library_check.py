@@ -21,6 +21,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BSpline
 
 import heavebond as hb
 from heavebond.equations.flatten import Flat, flatten
@@ -256,3 +257,9 @@ class Solution:
                 return y
             y = y + length*step
         raise AssertionError(f"no solution near {start}")
+
+
+def cubic_spline(x: ArrayLike, heights: Sequence[float]) -> Array:
+    """Cardinal cubic B-splines of the given heights at -4, -3 ... 4, constant beyond these (de Boor)."""
+    knots = np.arange(-9.0, 10.0)
+    return np.asarray(BSpline(knots, [0, 0, 0, *heights, 0, 0, 0], 3)(np.clip(x, -4, 4)))

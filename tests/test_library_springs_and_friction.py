@@ -10,9 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from library_check import CHECKED, Array, agree, checks, part, run
+from library_check import CHECKED, Array, agree, checks, cubic_spline, part, run
 from numpy.typing import ArrayLike
-from scipy.interpolate import BSpline
 
 import heavebond as hb
 from heavebond.core.errors import ModelError
@@ -31,12 +30,6 @@ def between(component: str, s: ArrayLike, v: ArrayLike, given: dict[str, float],
     found = made({f"a.{x}": 0.3, f"b.{x}": 0.3 + np.asarray(s), f"a.{w}": -0.7, f"b.{w}": -0.7 + np.asarray(v), **states})
     agree(found[f"a.{f}"], -found[f"b.{f}"])
     return np.asarray(found[law or f"b.{f}"])
-
-
-def cubic_spline(x: Array, heights: list[float]) -> Array:
-    """Cardinal cubic B-splines of the given heights at -4, -3 ... 4 (de Boor)."""
-    knots = np.arange(-9.0, 10.0)
-    return np.asarray(BSpline(knots, [0, 0, 0, *heights, 0, 0, 0], 3)(np.clip(x, -4, 4)))
 
 
 HEIGHTS = [5.0, -2.0, 3.0, 0.5, 0.0, -1.0, 4.0, 2.0, -6.0]

@@ -56,7 +56,7 @@ def _experiment(path: Path, origin: str | None, records: tuple[Path, ...]) -> di
 
     if origin is None or not records:
         what = "the diagram is not given" if origin is None else "there are no records"
-        raise UsageError([Problem("usage", f"{what}", None, f"Write for example `heavebond new {path} --from "
+        raise UsageError([Problem("usage", what, None, f"Write for example `heavebond new {path} --from "
                                   f"{origin or 'machine.yaml'} {' '.join(map(str, records)) or 'record.csv'}`.")])
     check_new(path, (".yaml", ".yml"))
     with terminal.working("reading the records"):

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from string import ascii_letters, digits
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -29,6 +28,7 @@ from heavebond.core.errors import (
 from heavebond.core.presentation import brief, count, number, readable_time
 from heavebond.core.reporting import place, reporting
 from heavebond.core.units import Unit, dimension_text, read_unit
+from heavebond.estimation.change import quoted
 from heavebond.estimation.constant_bias import all_advice
 from heavebond.estimation.experiment import Experiment, Output, Record, load_experiment
 from heavebond.estimation.feedback import closed_loops
@@ -277,9 +277,8 @@ def _start_note(channel: Channel, output: Output) -> str:
     unit, formula = "" if channel.unit == "1" else f" {channel.unit}", output.shown.text
     places = -math.floor(math.log10(max(channel.noise, channel.step)))
     first, start = (f"{number(round(float(values[0]), places), 12)}{unit}" for values in (channel.measured, channel.model))
-    name = formula if set(formula) <= {*ascii_letters, *digits, "_", "."} else f'"{formula}"'
     return (f"{channel.name} begins at {first} in the record, at {start} in the model: if the machine was in another state "
-            f"then, write `initial: {{{name}: {first}}}` at this record")
+            f"then, write `initial: {{{quoted(formula)}: {first}}}` at this record")
 
 
 def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[str, Sequence[str]],
