@@ -38,8 +38,8 @@ simulate: {until: 2 s, every: 10 ms}
 
 
 @contextmanager
-def opened(path: Path, version: int) -> Iterator[tuple[Any, dict[str, int]]]:
-    """An instance after its initialisation, and the value references by name."""
+def opened(path: Path, version: int, **kind: bool) -> Iterator[tuple[Any, dict[str, int]]]:
+    """An instance after its initialisation, and the value references by name; `kind` is how FMI 3.0 instantiates it."""
     from fmpy.fmi2 import FMU2Slave
     from fmpy.fmi3 import FMU3Slave
 
@@ -47,7 +47,7 @@ def opened(path: Path, version: int) -> Iterator[tuple[Any, dict[str, int]]]:
     made = (FMU3Slave if version == 3 else FMU2Slave)(
         guid=told.guid, unzipDirectory=fmpy.extract(str(path)), instanceName="m",
         modelIdentifier=told.coSimulation.modelIdentifier)
-    made.instantiate()
+    made.instantiate(**kind)
     if version == 2:
         made.setupExperiment(startTime=0.0)
     made.enterInitializationMode()

@@ -30,8 +30,7 @@ static fmi2Status fail(Model *model, fmi2Status status, const char *message) {
 /* The status for what is wrong: values for which there is no solution can be given up, wrong calls are errors. */
 static fmi2Status judge(Model *model, const char *wrong) {
   if (!wrong) return fmi2OK;
-  return fail(model, wrong == NO_SOLUTION || wrong == NOT_FINITE || wrong == NO_DERIVATIVE || wrong == NO_STEP ? fmi2Discard
-                     : fmi2Error, wrong);
+  return fail(model, can_be_given_up(wrong) ? fmi2Discard : fmi2Error, wrong);
 }
 
 /* -- instances ---------------------------------------------------------------------------------------------------- */
@@ -71,11 +70,16 @@ EXPORT fmi2Status fmi2SetDebugLogging(fmi2Component instance, fmi2Boolean on, si
 EXPORT fmi2Status fmi2SetupExperiment(fmi2Component instance, fmi2Boolean has_tolerance, double tolerance, double start,
                                       fmi2Boolean has_stop, double stop) {
   Values *now = &((Model *)instance)->now;
-  (void)has_stop, (void)stop;
+  if (has_stop && stop > start) now->events.span = stop - start;
   if (has_tolerance && tolerance > 0) now->tolerance = tolerance;
   now->t = start;
   now->fresh = false;
   return fmi2OK;
+}
+
+EXPORT fmi2Status fmi2ExitInitializationMode(fmi2Component instance) {
+  bool changed;
+  return judge(instance, update(&((Model *)instance)->now, &changed));
 }
 
 /* changes of mode that change no value */
@@ -85,7 +89,6 @@ EXPORT fmi2Status fmi2SetupExperiment(fmi2Component instance, fmi2Boolean has_to
     return fmi2OK; \
   }
 NOTHING(fmi2EnterInitializationMode)
-NOTHING(fmi2ExitInitializationMode)
 NOTHING(fmi2Terminate)
 
 /* -- values and steps ------------------------------------------------------------------------------------------------- */
@@ -99,11 +102,12 @@ EXPORT fmi2Status fmi2SetReal(fmi2Component instance, const Reference references
 
 EXPORT fmi2Status fmi2DoStep(fmi2Component instance, double point, double step, fmi2Boolean no_return) {
   Model *model = instance;
+  bool event;
   (void)no_return;
   if (!(step >= 0)) return fail(model, fmi2Error, "a step is not negative");
   if (point != model->now.t) model->now.fresh = false;
   model->now.t = point;
-  return judge(model, do_step(&model->now, point + step));
+  return judge(model, do_step(&model->now, point + step, false, &event));
 }
 
 EXPORT fmi2Status fmi2CancelStep(fmi2Component instance) { return fail(instance, fmi2Error, "no step is pending"); }

@@ -1,4 +1,4 @@
-/* FMI 3.0 for model exchange and co-simulation around the equations in model.c: continuous states and no events.
+/* FMI 3.0 for model exchange and co-simulation around the equations in model.c.
    Modelica Association, Functional Mock-up Interface Specification 3.0, https://fmi-standard.org */
 #include "fmu_core.c"
 
@@ -11,6 +11,7 @@ typedef struct {
   Values now;
   LogMessage log;
   void *environment;
+  bool event_mode, early_return; /* the importing program lets events happen, and takes steps that end at them */
 } Model;
 
 static fmi3Status fail(Model *model, fmi3Status status, const char *message) {
@@ -21,8 +22,7 @@ static fmi3Status fail(Model *model, fmi3Status status, const char *message) {
 /* The status for what is wrong: values for which there is no solution can be given up, wrong calls are errors. */
 static fmi3Status judge(Model *model, const char *wrong) {
   if (!wrong) return fmi3OK;
-  return fail(model, wrong == NO_SOLUTION || wrong == NOT_FINITE || wrong == NO_DERIVATIVE || wrong == NO_STEP ? fmi3Discard
-                     : fmi3Error, wrong);
+  return fail(model, can_be_given_up(wrong) ? fmi3Discard : fmi3Error, wrong);
 }
 
 /* -- instances ---------------------------------------------------------------------------------------------------- */
@@ -44,17 +44,21 @@ static fmi3Instance instantiate(const char *token, void *environment, LogMessage
 
 EXPORT fmi3Instance fmi3InstantiateModelExchange(const char *name, const char *token, const char *resources, bool visible,
                                                  bool logging, void *environment, LogMessage log) {
+  Model *model = instantiate(token, environment, log);
   (void)name, (void)resources, (void)visible, (void)logging;
-  return instantiate(token, environment, log);
+  if (model) model->event_mode = true;
+  return model;
 }
 
 EXPORT fmi3Instance fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, bool visible,
                                                 bool logging, bool event_mode, bool early_return,
                                                 const Reference intermediate[], size_t n_intermediate, void *environment,
                                                 LogMessage log, void *intermediate_update) {
-  (void)name, (void)resources, (void)visible, (void)logging, (void)event_mode, (void)early_return;
+  Model *model = instantiate(token, environment, log);
+  (void)name, (void)resources, (void)visible, (void)logging;
   (void)intermediate, (void)n_intermediate, (void)intermediate_update;
-  return instantiate(token, environment, log);
+  if (model) model->event_mode = event_mode, model->early_return = event_mode && early_return;
+  return model;
 }
 
 EXPORT void fmi3FreeInstance(fmi3Instance instance) { free(instance); }
@@ -71,11 +75,18 @@ EXPORT fmi3Status fmi3SetDebugLogging(fmi3Instance instance, bool on, size_t n, 
 
 EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, bool has_tolerance, double tolerance, double start,
                                               bool has_stop, double stop) {
-  (void)has_stop, (void)stop;
-  if (has_tolerance && tolerance > 0) ((Model *)instance)->now.tolerance = tolerance;
-  ((Model *)instance)->now.t = start;
-  ((Model *)instance)->now.fresh = false;
+  Values *now = &((Model *)instance)->now;
+  if (has_stop && stop > start) now->events.span = stop - start;
+  if (has_tolerance && tolerance > 0) now->tolerance = tolerance;
+  now->t = start;
+  now->fresh = false;
   return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
+  Model *model = instance;
+  bool changed; /* in event mode, what happens at the start is left to fmi3UpdateDiscreteStates */
+  return model->event_mode ? fmi3OK : judge(model, update(&model->now, &changed));
 }
 
 /* changes of mode that change no value */
@@ -84,7 +95,6 @@ EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, bool has_to
     (void)instance; \
     return fmi3OK; \
   }
-NOTHING(fmi3ExitInitializationMode)
 NOTHING(fmi3EnterEventMode)
 NOTHING(fmi3EnterContinuousTimeMode)
 NOTHING(fmi3EnterStepMode)
@@ -174,29 +184,35 @@ EXPORT fmi3Status fmi3DoStep(fmi3Instance instance, double point, double step, b
   if (!(step >= 0)) return fail(model, fmi3Error, "a step is not negative");
   if (point != model->now.t) model->now.fresh = false;
   model->now.t = point;
-  status = judge(model, do_step(&model->now, point + step));
+  status = judge(model, do_step(&model->now, point + step, model->early_return, event));
   *reached = model->now.t;
+  *early = *event && *reached < point + step;
   return status;
 }
 
-/* -- events: there are none ------------------------------------------------------------------------------------------ */
+/* -- events ---------------------------------------------------------------------------------------------------------- */
 EXPORT fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, bool *again, bool *terminate, bool *nominals_changed,
                                            bool *states_changed, bool *next_known, double *next) {
-  (void)instance;
-  *again = *terminate = *nominals_changed = *states_changed = *next_known = false;
+  Values *now = &((Model *)instance)->now;
+  fmi3Status status;
+  *again = *terminate = *nominals_changed = *next_known = false;
   *next = 0;
-  return fmi3OK;
+  status = judge(instance, update(now, states_changed));
+  if (status != fmi3OK || !model_n_e) return status;
+  *next = next_instant(now);
+  if (!(*next_known = *next < INFINITY)) *next = 0;
+  return status;
 }
 
 EXPORT fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *n) {
   (void)instance;
-  *n = 0;
+  *n = model_n_c;
   return fmi3OK;
 }
 
 EXPORT fmi3Status fmi3GetEventIndicators(fmi3Instance instance, double indicators[], size_t n) {
-  (void)indicators;
-  return n ? fail(instance, fmi3Error, "there are no event indicators") : fmi3OK;
+  if (n != model_n_c) return fail(instance, fmi3Error, "the number of event indicators is another");
+  return n ? judge(instance, indicate(&((Model *)instance)->now, indicators)) : fmi3OK;
 }
 
 /* -- snapshots ------------------------------------------------------------------------------------------------------- */
@@ -216,6 +232,26 @@ EXPORT fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *state) {
   (void)instance;
   free(*state);
   *state = NULL;
+  return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state, size_t *size) {
+  (void)instance, (void)state;
+  *size = sizeof(Values);
+  return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, uint8_t bytes[], size_t size) {
+  if (size < sizeof(Values)) return fail(instance, fmi3Error, "the block is too short for a state");
+  memcpy(bytes, state, sizeof(Values));
+  return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const uint8_t bytes[], size_t size, fmi3FMUState *state) {
+  if (size != sizeof(Values)) return fail(instance, fmi3Error, "the block is no state of this FMU");
+  if (!*state) *state = malloc(sizeof(Values));
+  if (!*state) return fail(instance, fmi3Error, "no memory is left");
+  memcpy(*state, bytes, sizeof(Values));
   return fmi3OK;
 }
 
@@ -252,9 +288,6 @@ REFUSED(fmi3GetClock)
 REFUSED(fmi3SetClock)
 REFUSED(fmi3GetNumberOfVariableDependencies)
 REFUSED(fmi3GetVariableDependencies)
-REFUSED(fmi3SerializedFMUStateSize)
-REFUSED(fmi3SerializeFMUState)
-REFUSED(fmi3DeserializeFMUState)
 REFUSED(fmi3GetAdjointDerivative)
 REFUSED(fmi3EnterConfigurationMode)
 REFUSED(fmi3ExitConfigurationMode)

@@ -15,7 +15,8 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
-/* value references: 0 is the time, then states, their derivatives, parameters, inputs, outputs */
+/* value references: 0 is the time, then states, their derivatives, parameters (with what events hold), inputs, outputs,
+   indicators of conditions */
 enum {
   TIME = 0,
   STATES = 1,
@@ -23,17 +24,38 @@ enum {
   PARAMETERS = RATES + model_n_x,
   INPUTS = PARAMETERS + model_n_p,
   OUTPUTS = INPUTS + model_n_u,
-  END = OUTPUTS + model_n_y
+  INDICATORS = OUTPUTS + model_n_y,
+  END = INDICATORS + model_n_c
 };
 
 typedef uint32_t Reference;
+
+enum { PASSED = 500 }; /* events that are remembered, to tell those that come without end */
+
+/* what the events of the diagram have done, and when those of time happen next */
+typedef struct {
+  bool known, truth[model_n_c + 1]; /* whether each condition is true, once it is known */
+  bool met[model_n_e + 1];          /* events that are to happen now */
+  bool timed;                       /* whether the instants belong to the parameters */
+  double next[model_n_e + 1];       /* INFINITY: never again */
+  double last[model_n_e + 1];       /* when it happened */
+  double span, passed[PASSED];      /* length of the run, and instants of the last events, in a ring */
+  int count;
+} Happened;
 
 /* all that changes: a copy of it is a snapshot, from which a run goes on to the last bit */
 typedef struct {
   double t, x[model_n_x + 1], dx[model_n_x + 1], z[model_n_z + 1], p[model_n_p + 1], u[model_n_u + 1], y[model_n_y + 1];
   double step, tolerance; /* of the integrator of co-simulation */
   bool fresh;             /* whether dx, z and y belong to the rest */
+  Happened events;
 } Values;
+
+/* a direction of all arguments, and what the results change along it */
+typedef struct {
+  double t, x[model_n_x + 1], z[model_n_z + 1], p[model_n_p + 1], u[model_n_u + 1];
+  double dx[model_n_x + 1], y[model_n_y + 1], indicators[model_n_c + 1];
+} Direction;
 
 static const char NO_SOLUTION[] = "the algebraic equations have no solution here";
 static const char NO_VARIABLE[] = "there is no variable with this value reference";
@@ -43,14 +65,26 @@ static const char NO_DERIVATIVE[] = "the algebraic equations have no derivative 
 static const char NO_KNOWN[] = "derivatives are taken by the time, states, parameters and inputs only";
 static const char NO_UNKNOWN[] = "derivatives are known of the states' derivatives and of the outputs only";
 static const char NO_STEP[] = "the integration does not get any further";
+static const char NO_PERIOD[] = "an event would be repeated after a period that is not positive";
+static const char CASCADE[] = "events set off each other without end";
+static const char CHATTER[] = "events follow each other without end";
+static const char IMPULSE[] = "an event makes jump what the equations differentiate";
+
+/* Whether something has failed that depends on the values or the length of the step; else the call itself is wrong. */
+static bool can_be_given_up(const char *wrong) {
+  return wrong == NO_SOLUTION || wrong == NOT_FINITE || wrong == NO_DERIVATIVE || wrong == NO_STEP;
+}
 
 static void begin(Values *now) {
+  int k;
   memset(now, 0, sizeof *now);
   memcpy(now->x, model_x_start, sizeof(double) * model_n_x);
   memcpy(now->z, model_z_start, sizeof(double) * model_n_z);
   memcpy(now->p, model_p_start, sizeof(double) * model_n_p);
   memcpy(now->u, model_u_start, sizeof(double) * model_n_u);
   now->tolerance = 1e-9;
+  now->events.span = model_span;
+  for (k = 0; k < model_n_e; ++k) now->events.last[k] = -INFINITY;
 }
 
 /* Rates, outputs and algebraic unknowns of the present values; what is wrong, or NULL. */
@@ -67,11 +101,26 @@ static const char *evaluate(Values *now) {
   return NULL;
 }
 
+/* The indicators of the conditions, of which one above zero is true. */
+static const char *indicate(Values *now, double indicators[]) {
+  const double *arg[] = {&now->t, now->x, now->z, now->p, now->u};
+  double *res[] = {indicators, 0, 0};
+  const char *wrong = evaluate(now);
+  return wrong ? wrong : model_happenings(arg, res, 0, 0, 0) ? NO_SOLUTION : NULL;
+}
+
 static const char *get_values(Values *now, const Reference references[], size_t n, double values[]) {
   size_t k;
   for (k = 0; k < n; ++k) {
     int i = (int)references[k];
     if (references[k] >= END) return NO_VARIABLE;
+    if (i >= INDICATORS) {
+      double indicators[model_n_c + 1];
+      const char *wrong = indicate(now, indicators);
+      if (wrong) return wrong;
+      values[k] = indicators[i - INDICATORS];
+      continue;
+    }
     if ((i >= RATES && i < PARAMETERS) || i >= OUTPUTS) {
       const char *wrong = evaluate(now);
       if (wrong) return wrong;
@@ -88,34 +137,36 @@ static const char *set_values(Values *now, const Reference references[], size_t 
     int i = (int)references[k];
     if (references[k] >= OUTPUTS || i == TIME || (i >= RATES && i < PARAMETERS)) return NO_SETTING;
     *(i < RATES ? &now->x[i - STATES] : i < INPUTS ? &now->p[i - PARAMETERS] : &now->u[i - INPUTS]) = values[k];
+    if (i >= PARAMETERS && i < INPUTS) now->events.timed = false;
   }
   now->fresh = false;
   return NULL;
 }
 
-/* What the rates, the outputs and the residual of the algebraic equations change along a direction of everything else. */
-static int slopes(const Values *now, const Values *along, double *dx, double *y, double *residual) {
+/* What the rates, the outputs, the residual of the algebraic equations and the indicators change along a direction of
+   everything else. */
+static int slopes(const Values *now, const Direction *along, double *dx, double *y, double *residual, double *indicators) {
   const double *arg[] = {&now->t, now->x, now->z, now->p, now->u, &along->t, along->x, along->z, along->p, along->u};
-  double *res[] = {dx, y, residual};
+  double *res[] = {dx, y, residual, indicators};
   return model_directions(arg, res, 0, 0, 0);
 }
 
 /* As above, with the algebraic unknowns going along such that their equations hold: dg/dz z' = -(the rest of g'). */
-static const char *directions(const Values *now, Values *along) {
+static const char *directions(const Values *now, Direction *along) {
   double residual[model_n_z + 1], jacobian[model_n_z * model_n_z + 1];
   int k;
   if (model_n_z) {
-    if (slopes(now, along, 0, 0, residual) || model_call(now->t, now->x, now->z, now->p, now->u, 0, 0, 0, jacobian) ||
+    if (slopes(now, along, 0, 0, residual, 0) || model_call(now->t, now->x, now->z, now->p, now->u, 0, 0, 0, jacobian) ||
         !model_solve(model_n_z, jacobian, residual))
       return NO_DERIVATIVE;
     for (k = 0; k < model_n_z; ++k) along->z[k] = -residual[k];
   }
-  return slopes(now, along, along->dx, along->y, 0) ? NO_DERIVATIVE : NULL;
+  return slopes(now, along, along->dx, along->y, 0, along->indicators) ? NO_DERIVATIVE : NULL;
 }
 
 static const char *derivative(Values *now, const Reference unknowns[], size_t n_unknowns, const Reference knowns[],
                               size_t n_knowns, const double seed[], double sensitivity[]) {
-  Values along;
+  Direction along;
   const char *wrong;
   size_t k;
   memset(&along, 0, sizeof along);
@@ -129,22 +180,10 @@ static const char *derivative(Values *now, const Reference unknowns[], size_t n_
   for (k = 0; k < n_unknowns; ++k) {
     int i = (int)unknowns[k];
     if (unknowns[k] >= END || i < RATES || (i >= PARAMETERS && i < OUTPUTS)) return NO_UNKNOWN;
-    sensitivity[k] = i < PARAMETERS ? along.dx[i - RATES] : along.y[i - OUTPUTS];
+    sensitivity[k] = i < PARAMETERS ? along.dx[i - RATES] : i < INDICATORS ? along.y[i - OUTPUTS]
+                   : along.indicators[i - INDICATORS];
   }
   return NULL;
 }
 
-/* A step of co-simulation to the time `end`, with constant inputs; now->t is how far it came. */
-static const char *do_step(Values *now, double end) {
-  double y[UNKNOWNS + 1];
-  const char *wrong = evaluate(now); /* the algebraic unknowns for the inputs of this step */
-  int failed;
-  if (wrong) return wrong;
-  memcpy(y, now->x, sizeof(double) * model_n_x);
-  memcpy(y + model_n_x, now->z, sizeof(double) * model_n_z);
-  failed = integrate(now->t, end, y, now->p, now->u, now->tolerance, &now->step, &now->t);
-  memcpy(now->x, y, sizeof(double) * model_n_x);
-  memcpy(now->z, y + model_n_x, sizeof(double) * model_n_z);
-  now->fresh = false;
-  return failed ? NO_STEP : evaluate(now);
-}
+#include "fmu_events.c"

@@ -5,7 +5,7 @@
    Equations package, BIT Numerical Mathematics 63, 2023, doi:10.1007/s10543-023-00967-x (coefficients).
    E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, 1996, IV.7 and VI.3 (form of the stages). */
 
-enum { STAGES = 8, UNKNOWNS = model_n_x + model_n_z, MOST_STEPS = 1000000 };
+enum { STAGES = 8, UNKNOWNS = model_n_x + model_n_z };
 
 static const double GAMMA = 0.21193756319429014;
 static const double A[STAGES][STAGES] = {
@@ -100,33 +100,32 @@ static double one_step(double t, const double *y, const double *p, const double 
   return isfinite(sum) ? sqrt(sum / (n ? n : 1)) : INFINITY;
 }
 
-/* Integrate from t to `end`; y = (x, z) and the length *h of the next step are changed. 0, or 1 where it does not get there;
-   *reached is how far it came. */
-static int integrate(double t, double end, double *y, const double *p, const double *u, double tolerance, double *h,
-                     double *reached) {
-  double jacobian[UNKNOWNS * UNKNOWNS + 1], slope[UNKNOWNS + 1], next[UNKNOWNS + 1];
+/* The equations at the beginning of a step, which steps of any length from there share. */
+typedef struct {
+  double jacobian[UNKNOWNS * UNKNOWNS + 1], slope[UNKNOWNS + 1];
+} Linear;
+
+static int linearise(double t, const double *y, const double *p, const double *u, Linear *here) {
   const double *arg[] = {&t, y, y + model_n_x, p, u};
-  double *res[] = {jacobian, slope};
-  int steps, fresh = 0;
-  if (!(*h > 0)) *h = 1e-3 * (end - t);
-  for (steps = 0; t < end && steps < MOST_STEPS; ++steps) {
-    double length = fmin(*h, end - t), error;
+  double *res[] = {here->jacobian, here->slope};
+  return model_jacobian(arg, res, 0, 0, 0);
+}
+
+/* One step from y at t towards `end` that is accurate enough: `next` there, and the length *h of the step after it. Returns
+   the time reached, or t where no step is short enough. */
+static double accepted_step(double t, double end, const double *y, const double *p, const double *u, const Linear *here,
+                            double tolerance, double *h, double *next) {
+  for (;;) {
+    double length = fmin(*h, end - t);
     int last = length >= (end - t) * (1 - 1e-12);
-    if (!fresh && model_jacobian(arg, res, 0, 0, 0)) break;
-    fresh = 1;
-    error = one_step(t, y, p, u, length, jacobian, slope, tolerance, next);
+    double error = one_step(t, y, p, u, length, here->jacobian, here->slope, tolerance, next);
     if (error <= 1) {
       double growth = fmin(6, 0.9 * pow(fmax(error, 1e-12), -0.2));
       /* a step that the end has cut short says nothing about the length of the others, unless it asks for shorter ones */
       if (length >= *h || growth < 1) *h = length * fmax(0.2, growth);
-      t = last ? end : t + length;
-      memcpy(y, next, sizeof(double) * UNKNOWNS);
-      fresh = 0;
-    } else {
-      *h = length * (isfinite(error) ? fmax(0.2, 0.9 * pow(error, -0.2)) : 0.1);
-      if (!(*h > 1e-14 * fmax(fabs(t), end - t))) break;
+      return last ? end : t + length;
     }
+    *h = length * (isfinite(error) ? fmax(0.2, 0.9 * pow(error, -0.2)) : 0.1);
+    if (!(*h > 1e-14 * fmax(fabs(t), end - t))) return t;
   }
-  *reached = t;
-  return t < end;
 }

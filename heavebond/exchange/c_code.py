@@ -7,12 +7,14 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import casadi as ca
+import numpy as np
 
 from heavebond import __version__
 from heavebond.core.quoting import c_comment
 from heavebond.core.writable import write_text
 from heavebond.exchange.portable import Portable, Quantity, portable
 from heavebond.language.model import Model
+from heavebond.numerics.simulator import grid
 
 LONGEST_NAME = 60  # of what all names begin with; C99 tells 63 characters apart at least
 SOURCES = Path(__file__).parents[1] / "c"
@@ -36,15 +38,16 @@ def c_name(text: str) -> str:
     return f"m_{plain}" if not plain[:1].isalpha() or plain in KEYWORDS else plain
 
 
-def c_text(made: Portable, prefix: str, *, directions: bool = False) -> str:
-    """The file, with directional derivatives where they are wanted; its functions must have been made with `prefix`_."""
+def c_text(made: Portable, prefix: str, *, whole: bool = False) -> str:
+    """The file; `whole` is with directional derivatives and events. Its functions must have been made with `prefix`_."""
     generator = ca.CodeGenerator(prefix, {"with_header": False, "casadi_int": "int"})
     generator.add(made.equations)
-    if directions:
-        generator.add(made.directions)
-        generator.add(made.jacobian)
+    if whole:
+        for function in (made.directions, made.jacobian, made.happenings, made.instants):
+            generator.add(function)
     evaluate = (SOURCES / "evaluate.c").read_text(encoding="utf-8")
-    return "\n".join([_head(made, prefix), generator.dump(), *_arrays(made, prefix), evaluate.replace("MODEL", prefix)])
+    return "\n".join([_head(made, prefix), generator.dump(), *_arrays(made, prefix),
+                      *(_event_arrays(made, prefix) if whole else []), evaluate.replace("MODEL", prefix)])
 
 
 def _head(made: Portable, prefix: str) -> str:
@@ -82,3 +85,25 @@ def _arrays(made: Portable, prefix: str) -> list[str]:
     values["z_nominal"] = [q.nominal for q in made.algebraic]
     return [*lines, *(f"const double {prefix}_{name}[] = {{{', '.join(map(repr, numbers or [0.0]))}}};"
                       for name, numbers in values.items())]
+
+
+def _event_arrays(made: Portable, prefix: str) -> list[str]:
+    """Which event each condition belongs to, what happens once or is repeated, and what each reset sets."""
+    resets = [reset for event in made.events for reset in event.resets]
+    states = {column: k for k, column in enumerate(made.assembly.reduced.states)}
+    conditions = [k for k, event in enumerate(made.events) if event.indicator is not None]
+    numbers = {
+        "condition": conditions,
+        "repeated": [0 if event.period is None else 1 for event in made.events],
+        "timed": [0 if k in conditions else 1 for k in range(len(made.events))],
+        "rows": np.cumsum([0, *(len(event.resets) for event in made.events)]).tolist(),
+        "set_state": [-1 if r.unknown is None else states[(r.unknown, 0)] for r in resets],
+        "set_held": [-1 if r.held is None else r.held for r in resets]}
+    times = grid(made.assembly.model, None, None) if made.assembly.model.until is not None else [0.0, 1.0]
+    return [
+        "enum { " + ", ".join(f"{prefix}_{name} = {len(found)}" for name, found in (
+            ("n_c", conditions), ("n_e", made.events), ("n_r", resets), ("n_f", made.sizes))) + " };",
+        *(f"static const int {prefix}_{name}[] = {{{', '.join(map(str, found or [0]))}}};"
+          for name, found in numbers.items()),
+        f"static const double {prefix}_f_size[] = {{{', '.join(map(repr, made.sizes or (0.0,)))}}};",
+        f"static const double {prefix}_span = {float(times[-1] - times[0]) or 1.0!r}; /* s; of the run of the diagram */"]

@@ -36,12 +36,12 @@ VERSIONS = (2, 3)
 
 
 def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = (), version: int = 3) -> Portable:
-    """Write an FMU of FMI 2.0 or 3.0; UsageError where there is no C compiler, ModelError for a diagram with events."""
+    """Write an FMU of FMI 2.0 or 3.0; UsageError where there is no C compiler, ModelError for a diagram with FMUs."""
     if version not in VERSIONS:
         raise UsageError([Problem("fmi-version", f"there is no FMI {version}.0 here", None, "Choose 2 or 3.")])
     compiler = find_compiler()
-    made = portable(model, inputs, "model_")
-    source = c_text(made, "model", directions=True)
+    made = portable(model, inputs, "model_", events=True)
+    source = c_text(made, "model", whole=True)
     identifier, wrappers = c_name(made.name), _wrappers(version)
     hashed = hashlib.sha256("".join([source, *wrappers.values()]).encode())
     token = "{" + hashed.hexdigest()[:32] + "}"
@@ -83,7 +83,8 @@ def platform_of(version: int = 3) -> tuple[str, str]:
 
 def _wrappers(version: int) -> dict[str, str]:
     """The sources beside model.c; the first includes the others."""
-    return {name: (SOURCES / name).read_text(encoding="utf-8") for name in (f"fmi{version}.c", "fmu_core.c", "rosenbrock.c")}
+    names = (f"fmi{version}.c", "fmu_core.c", "fmu_events.c", "rosenbrock.c")
+    return {name: (SOURCES / name).read_text(encoding="utf-8") for name in names}
 
 
 def _compiled(compiler: str, source: str, wrappers: dict[str, str], version: int) -> bytes:

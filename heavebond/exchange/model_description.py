@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from math import isfinite
 from xml.etree import ElementTree as Xml
 
@@ -39,8 +40,10 @@ def description(made: Portable, identifier: str, token: str, version: int = 3) -
 
 def _kinds_3(root: Xml.Element, identifier: str) -> None:
     shared = {"modelIdentifier": identifier, "canGetAndSetFMUState": "true", "providesDirectionalDerivatives": "true"}
+    shared["canSerializeFMUState"] = "true"
     Xml.SubElement(root, "ModelExchange", shared)
-    Xml.SubElement(root, "CoSimulation", {**shared, "canHandleVariableCommunicationStepSize": "true"})
+    Xml.SubElement(root, "CoSimulation", {**shared, "canHandleVariableCommunicationStepSize": "true",
+                                          "hasEventMode": "true"})
 
 
 def _kinds_2(root: Xml.Element, identifier: str) -> None:
@@ -98,6 +101,7 @@ class _Variables3:
     def write(self, made: Portable, rates: Sequence[tuple[str, Unit]]) -> None:
         """All variables."""
         names = {q.name for group in (made.states, made.parameters, made.inputs) for q in group}
+        names |= {held.name for held in made.held.values()}
         self.add("time", 0, "independent", "continuous", description="time in s")
         first, n_x = 1, len(made.states)
         for k, q in enumerate(made.states):
@@ -109,6 +113,8 @@ class _Variables3:
         for k, (q, shown) in enumerate(zip(made.parameters, made.tunable, strict=True)):
             if shown:
                 self.add(q.name, first + k, "parameter", "tunable", initial="exact", **_told(q), **_bounds(q))
+            elif held := made.held.get(k):
+                self.add(held.name, first + k, "local", "discrete", initial="exact", **_told(replace(q, doc=held.doc)))
         first += len(made.parameters)
         for k, q in enumerate(made.inputs):
             self.add(q.name, first + k, "input", "continuous", **_told(q))
@@ -118,12 +124,21 @@ class _Variables3:
             name = f"show.{q.name}" if q.name in names else q.name
             self.add(name, first + k, "output", "continuous", initial="calculated", unit=unit_name(q.unit),
                      description=q.doc)
-        self.structured(list(range(1 + n_x, 1 + 2 * n_x)), list(range(first, first + len(made.outputs))))
+        outputs = list(range(first, first + len(made.outputs)))
+        self.structured(list(range(1 + n_x, 1 + 2 * n_x)), outputs, self.conditions(made, first + len(made.outputs)))
 
-    def structured(self, rates: list[int], outputs: list[int]) -> None:
-        """Outputs, derivatives of states, and what is unknown at the start, by value references."""
+    def conditions(self, made: Portable, first: int) -> list[int]:
+        """The event indicators as variables, and their value references."""
+        found = [event for event in made.events if event.indicator is not None]
+        for k, event in enumerate(found):
+            self.add(f"{event.name}.indicator", first + k, "local", "continuous", initial="calculated",
+                     description=f"above 0 where this is true: {event.text}")
+        return list(range(first, first + len(found)))
+
+    def structured(self, rates: list[int], outputs: list[int], indicators: list[int]) -> None:
+        """Outputs, derivatives of states, what is unknown at the start, and event indicators, by value references."""
         for kind, references in (("Output", outputs), ("ContinuousStateDerivative", rates),
-                                 ("InitialUnknown", [*rates, *outputs])):
+                                 ("InitialUnknown", [*rates, *outputs]), ("EventIndicator", indicators)):
             for reference in references:
                 Xml.SubElement(self.structure, kind, {"valueReference": str(reference)})
 
@@ -144,7 +159,10 @@ class _Variables2(_Variables3):
             more["derivative"] = str(self.index[int(state)])
         Xml.SubElement(element, "Real", {k: v for k, v in more.items() if v})
 
-    def structured(self, rates: list[int], outputs: list[int]) -> None:
+    def conditions(self, made: Portable, first: int) -> list[int]:
+        return []  # events happen within the steps
+
+    def structured(self, rates: list[int], outputs: list[int], indicators: list[int]) -> None:
         for kind, references in (("Outputs", outputs), ("Derivatives", rates),
                                  ("InitialUnknowns", sorted([*rates, *outputs], key=lambda r: self.index[r]))):
             if references:

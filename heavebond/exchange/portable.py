@@ -17,15 +17,18 @@ import numpy as np
 
 from heavebond.core.errors import ModelError, Place, Problem, UsageError, listing, suggest
 from heavebond.core.units import Unit, declared_unit, dimension_text, read_unit, times, unit
+from heavebond.equations.events import FlatEvent, Held
 from heavebond.equations.flatten import unclocked
 from heavebond.equations.reduce import reduce
 from heavebond.language.definition import FileInput
 from heavebond.language.model import Model
 from heavebond.language.sections import Setting
 from heavebond.language.symbols import split, stack
+from heavebond.numerics.co_simulation import foreign_parts
 from heavebond.numerics.dae import Array, Assembly, assemble, build
 from heavebond.numerics.initialise import Start, start
 from heavebond.numerics.inputs import pieced
+from heavebond.numerics.jumps import differentiated
 from heavebond.numerics.result import signal_expression
 
 AT_ONCE = 1e-6  # s; of the records only the beginning is needed
@@ -48,8 +51,11 @@ class Quantity:
 @dataclass(frozen=True)
 class Portable:
     """What is exported; `equations` is (t, x, z, p, u) -> (x', y, g, dg/dz by rows), `directions` (t, x, z, p, u and a
-    direction of each) -> what (x', y, g) change along it, and `jacobian` (t, x, z, p, u) -> the derivatives of (x', g) by
-    (x, z), by rows, and by t. `parameters` are all of p, of which those in `tunable` are the user's."""
+    direction of each) -> what (x', y, g, indicators) change along it, and `jacobian` (t, x, z, p, u) -> the derivatives of
+    (x', g) by (x, z), by rows, and by t. `parameters` are all of p, of which those in `tunable` are the user's.
+
+    Of the events, `happenings` is (t, x, z, p, u) -> (indicators of the conditions, new values of all resets, what the
+    equations differentiate and events may not make jump, with `sizes`), and `instants` p -> (first instants, periods)."""
 
     assembly: Assembly
     states: tuple[Quantity, ...]
@@ -61,6 +67,19 @@ class Portable:
     equations: ca.Function
     directions: ca.Function
     jacobian: ca.Function
+    happenings: ca.Function
+    instants: ca.Function
+    sizes: tuple[float, ...]
+
+    @property
+    def events(self) -> tuple[FlatEvent, ...]:
+        """The events, in the order of `instants`."""
+        return tuple(self.assembly.flat.events)
+
+    @property
+    def held(self) -> dict[int, Held]:
+        """The variables that events hold, by their entry in the parameters."""
+        return {held.index: held for held in self.assembly.flat.held}
 
     @property
     def name(self) -> str:
@@ -68,22 +87,27 @@ class Portable:
         return self.assembly.model.name
 
 
-def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "") -> Portable:
+def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, events: bool = False) -> Portable:
     """The equations of a diagram, started as it says, with the signal inputs `inputs` taken out of it; the names of the
     functions begin with `prefix`.
 
     What drives these in the diagram gives them their values at the start only. Raises UsageError for an input that is not
-    there, ModelError for a diagram with events.
+    there, ModelError for a diagram with FMUs in it, or with events where `events` says that these are not provided for.
     """
     wanted = list(dict.fromkeys(inputs))
     assembly = assemble(model)
     assembly, column = _opened(assembly, wanted) if wanted else (assembly, _measured(assembly))
-    if any(event.by_clock for event in assembly.flat.events):
+    if parts := foreign_parts(assembly.flat):
+        raise ModelError([Problem("export-fmu", f"a diagram with an FMU in it cannot be exported: {listing(parts, 3)}",
+                                  assembly.flat.expanded.leaves[next(iter(parts))].place, "Leave the FMU out, and name what "
+                                  "it drives as an input (`--input`).")])
+    if not events and any(event.by_clock for event in assembly.flat.events):
         assembly = build(reduce(unclocked(assembly.flat)))
-    if assembly.flat.events:
+    if assembly.flat.events and not events:
         names = listing([event.name for event in assembly.flat.events], 3)
-        raise ModelError([Problem("export-events", f"a diagram with events cannot be exported: {names}",
-                                  assembly.flat.events[0].place, "Leave out the components that switch or sample.")])
+        raise ModelError([Problem("export-events", f"a diagram with events cannot be exported as C: {names}",
+                                  assembly.flat.events[0].place, "Export an FMU (`-o model.fmu`): it has the events inside. "
+                                  "Or leave out the components that switch or sample.")])
     return _portable(assembly, column, prefix)
 
 
@@ -135,27 +159,37 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
     jacobian = ca.densify(ca.jacobian(assembly.alg, z)).T if z.numel() else ca.SX(0, 0)
     symbols = [ca.SX.sym("u", 4) for _ in flat.inputs]
     given = stack([t, *(s / ca.SX(ca.DM([1, 1, 2, 6])) for s in symbols)])  # c_k = u^(k) / k!
-    right = ca.substitute([assembly.ode, outputs, assembly.alg, ca.vec(jacobian)], [pieces, rate],
+    followed = differentiated(assembly)
+    happenings = [assembly.express(stack(found)) for found in (
+        [e.indicator for e in flat.events if e.indicator is not None],
+        [reset.value for e in flat.events for reset in e.resets], [flat.levels[0][j] for j in followed])]
+    right = ca.substitute([assembly.ode, outputs, assembly.alg, ca.vec(jacobian), *happenings], [pieces, rate],
                           [given if flat.inputs else pieces, ca.SX(1)])
     used = {s.element_hash() for side in right for s in ca.symvar(side)}
     kept = [(k, order) for k, s in enumerate(symbols) for order, one in enumerate(split(s))
             if order == 0 or one.element_hash() in used]
     u = stack([symbols[k][order] for k, order in kept])
-    equations = ca.Function(f"{prefix}equations", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right]))
+    equations = ca.Function(f"{prefix}equations", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[:4]]))
+    happening = ca.Function(f"{prefix}happenings", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[4:]]))
     along = [ca.SX.sym("along", one.shape) for one in (t, x, z, p, u)]
-    slopes = ca.jtimes(stack(right[:3]), stack([t, x, z, p, u]), stack(along))
-    cuts = np.cumsum([0, *(side.numel() for side in right[:3])]).tolist()
+    moving = [*right[:3], right[4]]
+    slopes = ca.jtimes(stack(moving), stack([t, x, z, p, u]), stack(along))
+    cuts = np.cumsum([0, *(side.numel() for side in moving)]).tolist()
     directions = ca.Function(f"{prefix}directions", [t, x, z, p, u, *along],
                              ca.cse([ca.densify(slopes[a:b]) for a, b in pairwise(cuts)]))
     laws, unknowns = stack([right[0], right[2]]), stack([x, z])
     by_unknowns = ca.densify(ca.jacobian(laws, unknowns)).T if unknowns.numel() else ca.SX(0, 0)
     by_all = ca.Function(f"{prefix}jacobian", [t, x, z, p, u],
                          ca.cse([ca.vec(by_unknowns), ca.densify(ca.jtimes(laws, t, ca.SX(1)))]))
+    instants = ca.Function(f"{prefix}instants", [p], [ca.densify(assembly.express(stack(
+        ca.SX(0) if e is None else e for e in found))) for found in (
+            [event.first for event in flat.events], [event.period for event in flat.events])])
     return Portable(assembly, _columns(assembly, assembly.reduced.states, first.x, assembly.x_nominal),
                     _columns(assembly, assembly.reduced.algebraic, first.z, assembly.z_nominal),
                     _parameters(assembly, first), tuple(not q.name.startswith(DERIVED) for q in flat.parameters),
                     tuple(_input(assembly, k, order, column) for k, order in kept),
-                    tuple(_outputs(assembly, shown, outputs, first, column)), equations, directions, by_all)
+                    tuple(_outputs(assembly, shown, outputs, first, column)), equations, directions, by_all,
+                    happening, instants, tuple(float(flat.unknowns[j].nominal) for j in followed))
 
 
 def derived(base: Unit, order: int) -> Unit:

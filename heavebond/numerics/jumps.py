@@ -75,7 +75,7 @@ class EventEquations:
         direction = ca.SX.sym("d", p.numel())
         self._instants = ca.Function("instants", [p, direction], [
             first, period, ca.jtimes(first, p, direction), ca.jtimes(period, p, direction)])
-        self._differentiated = _differentiated(assembly)
+        self._differentiated = differentiated(assembly)
         followed = stack([assembly.flat.levels[0][j] for j in self._differentiated])
         self._followed = ca.Function("followed", arguments, [assembly.express(followed)])
         self._loops = solved_loops(z, stack([a for a in arguments if a is not z]), assembly.alg, EVENTS.jump_iterations) \
@@ -246,7 +246,7 @@ class EventEquations:
         return replace(point, x=x, p=p)
 
 
-def _differentiated(assembly: Assembly) -> list[int]:
+def differentiated(assembly: Assembly) -> list[int]:
     """The unknowns whose rates stand in the equations, that are no states, and that follow from what events change. A speed
     that is told of a node, and that nothing else asks for, does not count: a spring may be jerked at its end."""
     flat, states, n = assembly.flat, set(assembly.reduced.states), len(assembly.flat.unknowns)
