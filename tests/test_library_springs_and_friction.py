@@ -14,7 +14,6 @@ from library_check import CHECKED, Array, agree, checks, cubic_spline, part, run
 from numpy.typing import ArrayLike
 
 import heavebond as hb
-from heavebond.core.errors import ModelError
 
 LINE, SHAFT = ("x", "v", "f"), ("phi", "w", "tau")
 S = np.array([-0.3, -0.12, -0.099, -0.05, 0.0, 0.021, 0.099, 0.1004, 0.25, 0.4])[:, None]
@@ -269,25 +268,6 @@ BOUNCING = ({"fixed": "Fixed", "stop": "RigidStop", "mass": "Mass", "m": "m", "k
              "N": "N", "x": "x", "v": "v", "X": "m"},
             {"fixed": "FixedShaft", "stop": "RotationalRigidStop", "mass": "Inertia", "m": "J", "kg": "kg*m**2",
              "source": "TorqueSource", "N": "N*m", "x": "phi", "v": "w", "X": "rad"})
-
-
-def test_a_rigid_stop_between_two_free_bodies_is_refused() -> None:
-    """Its impact pushes one of them only: momentum 1 would become 3."""
-    text = """\
-model: two
-components: {one: {is: MASS, M: 1 UNIT}, other: {is: MASS, M: 1 UNIT}, stop: {is: STOP, e: 1}}
-nodes: {p: [one.a, stop.a], q: [other.a, stop.b]}
-simulate: {until: 2 s}
-"""
-    for words in ({"MASS": "Mass", "M:": "m:", "UNIT": "kg", "STOP": "RigidStop"},
-                  {"MASS": "Inertia", "M:": "J:", "UNIT": "kg*m**2", "STOP": "RotationalRigidStop"}):
-        written = text
-        for word, by in words.items():
-            written = written.replace(word, by)
-        with pytest.raises(ModelError) as caught:
-            hb.assemble(hb.loads(written))
-        assert [p.code for p in caught.value.problems] == ["port-not-prescribed"]
-        assert "stop.a" in str(caught.value)
 
 
 def test_a_rigid_stop_on_a_driven_deck_is_no_free_body() -> None:

@@ -162,7 +162,8 @@ def _show(component: Component) -> dict[str, object]:
         "Variables": [(v.name, _unit(v), v.doc if v.held is None else f"{v.doc} (held)".lstrip())
                       for v in component.variables.values()],
         "Events": [(e.name, f"{e.key}: {e.formula.text}", ", ".join(f"{r.target.text} becomes {r.value.text}"
-                                                                    for r in e.resets)) for e in component.when],
+                                                                    for r in e.resets)
+                    + f" by an impulse of {e.impulse}" * bool(e.impulse)) for e in component.when],
         "Parts": [(i.name, i.kind, ", ".join(f"{k} {getattr(v, 'text', 'measured')}" for k, v in i.settings.items()))
                   for i in component.body.instances.values()],
         "Nodes": [(w.name, ", ".join(e.path for e in w.ends)) for w in component.body.wires.values()],
@@ -265,7 +266,8 @@ def _as_dict(component: Component) -> dict[str, object]:
             "medium": p.medium or None}
             for p in component.parameters.values()},
         "variables": {v.name: {"unit": v.unit.text, "doc": v.doc} for v in component.variables.values()},
-        "events": {e.name: {e.key: e.formula.text, "then": {r.target.text: r.value.text for r in e.resets}}
+        "events": {e.name: {e.key: e.formula.text, "then": {r.target.text: r.value.text for r in e.resets},
+                            **({"impulse": e.impulse} if e.impulse else {})}
                    for e in component.when},
         "equations": [{"text": line.text.strip(), "label": line.label} for line in component.equations],
         "parts": {i.name: i.kind for i in component.body.instances.values()},

@@ -43,6 +43,18 @@ class FlatReset:
 
 
 @dataclass(frozen=True)
+class Impulse:
+    """The impulse of an event: that of the held variable with the entry `force` in the parameters, as large as the unknown
+    `unknown` needs to come to `value`; its `size` is known once the equations are reduced (see `numerics.impulses`)."""
+
+    name: str
+    force: int
+    unknown: int
+    value: ca.SX
+    size: ca.SX | None = None
+
+
+@dataclass(frozen=True)
 class FlatEvent:
     """An event: as `indicator` passes zero upwards (None: a time event), at the instant `first`, or from there on once a
     `period` (None: once). `text` is how it is written: `condition: gap > 0`. One that is `by_clock` stands for a comparison
@@ -56,6 +68,7 @@ class FlatEvent:
     period: ca.SX | None
     resets: tuple[FlatReset, ...]
     by_clock: bool = False
+    impulse: Impulse | None = None
 
 
 def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Leaf, Unit], Unit], problems: Problems
@@ -67,12 +80,16 @@ def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Lea
     found: list[Held] = []
     numbers: list[FlatParameter] = []
     for path, leaf in expanded.leaves.items():
+        impulses = {event.impulse for event in leaf.component.when}
         for variable in leaf.component.held.values():
             name, number, place = f"{path}.{variable.name}", variable.held, variable.place
             condition = expanded.model.initial.conditions.get(name)
             if condition is not None:
                 place, number = condition.value.place, _asked(condition, problems)
                 _check_bounds(name, number, condition.value, variable, problems)
+                if variable.name in impulses:
+                    problems.add("held-initial", f"'{name}' is the force of an impact, else it is 0", place,
+                                 hint="Leave this line out.")
             unit = unit_of(leaf, variable.unit)
             found.append(Held(name, len(parameters.independent) + len(found), unit, variable.place, variable.doc))
             numbers.append(FlatParameter(f"initial.{name}", number or 0.0, unit, place))
@@ -109,13 +126,16 @@ def leaf_events(path: str, made: Template, values: list[ca.SX], names: Mapping[s
     rest = iter(values)
     for line in made.events:
         condition, first, period = next(rest), next(rest), next(rest)
-        resets = []
+        resets, impulse = [], None
         for target, reset in zip(line.targets, line.when.resets, strict=True):
-            name = f"{path}.{target}"
+            name, value = f"{path}.{target}", next(rest)
             known = held.get(name)
-            resets.append(FlatReset(name, None if known else names[name], known.index if known else None, next(rest),
-                                    reset.target.place))
+            if line.when.impulse and known is None:
+                impulse = Impulse(name, held[f"{path}.{line.when.impulse}"].index, names[name], value)
+            else:
+                resets.append(FlatReset(name, None if known else names[name], known.index if known else None, value,
+                                        reset.target.place))
         text = f"{line.when.key}: {' '.join(line.when.formula.text.split())}"
         yield FlatEvent(f"{path}.{line.when.name}", text, line.when.place,
                         condition if line.when.key == "condition" else None, first,
-                        period if line.when.key == "every" else None, tuple(resets))
+                        period if line.when.key == "every" else None, tuple(resets), impulse=impulse)

@@ -150,9 +150,7 @@ def component_file(known: Library) -> Schema:
     """A component."""
     domain: Schema = {"anyOf": [{"enum": list(known.domains)}, {"type": "string", "pattern": r"^\$"}]}
     signal = _object({"signal": {"enum": ["in", "out"]}, "unit": UNIT, "doc": TEXT, "count": COUNT}, ["signal", "unit"])
-    port = _object({"domain": domain, "doc": TEXT, "count": WHOLE,
-                    "prescribed": _said("its motion must not depend on what acts on it here; written without a value", {})},
-                   ["domain"])
+    port = _object({"domain": domain, "doc": TEXT, "count": WHOLE}, ["domain"])
     parameter = with_former_keys("parameter", _object({
         "unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "default": QUANTITY, "neutral": QUANTITY,
         "integer": _said("a whole number; written without a value", {}), "class": TEXT, "search_range": TEXT,
@@ -161,7 +159,7 @@ def component_file(known: Library) -> Schema:
         "width": _said("the width of a transition that makes a law smooth; written without a value", {})}))
     variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,
                         "nominal": QUANTITY, "count": COUNT}, ["unit"])
-    event = _object({**dict.fromkeys((*KINDS, "from"), FORMULA), "then": _each(FORMULA)}, ["then"])
+    event = _object({**dict.fromkeys((*KINDS, "from", "impulse"), FORMULA), "then": _each(FORMULA)}, ["then"])
     return _object({
         "component": _said("its name, in CamelCase", {"type": "string"}), "summary": _said("a sentence"),
         "restrictions": _said("what it leaves out"), "source": _said("where the law is from"), "domain": TEXT,

@@ -153,7 +153,7 @@ class _Parser:
             elif isinstance(item, Mapping) and "signal" in item.items:
                 signals[name] = self._signal(key, item)
             elif isinstance(item, Mapping):
-                known = ("domain", "doc", "count", "prescribed")
+                known = ("domain", "doc", "count")
                 reading.known_keys(item, known, f"port '{name}'", self.problems, ("domain",))
                 domain = item.items.get("domain")
                 if domain is not None:
@@ -177,9 +177,7 @@ class _Parser:
                 self.problems.add("count-bad", f"port '{key.text}' has one number, how many ports it is",
                                   entry.items["count"].place,
                                   hint="Write `count: n`; a matrix is a parameter, a variable or a signal.")
-        prescribed = entry is not None and "prescribed" in entry.items and reading.choice(
-            entry.items["prescribed"], "prescribed", ("true", "false"), self.problems) != "false"
-        ports[key.text] = Port(key.text, domain, key.place, doc, count, prescribed)
+        ports[key.text] = Port(key.text, domain, key.place, doc, count)
 
     def _count(self, node: Mapping) -> tuple[Expr | None, Expr | None]:
         """How many it is a list of, or the rows and columns of a matrix, by whole numbers."""

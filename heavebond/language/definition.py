@@ -90,15 +90,13 @@ class Domain:
 
 @dataclass(frozen=True)
 class Port:
-    """A power port; `domain` may be `$D` (taken from what it is wired to), `count` makes it an array. The motion at a port
-    that is `prescribed` must not depend on what the component does there."""
+    """A power port; `domain` may be `$D` (taken from what it is wired to), `count` makes it an array."""
 
     name: str
     domain: str
     place: Place
     doc: str = ""
     count: Expr | None = None
-    prescribed: bool = False
 
 
 @dataclass(frozen=True)
@@ -273,7 +271,8 @@ class Reset:
 @dataclass(frozen=True)
 class EventDefinition:
     """An event of a component: it happens as `condition` becomes true, at the instant `at`, or `every` so often from
-    `first` on (None: from 0). `key` is the one of these words that it is written with."""
+    `first` on (None: from 0). `key` is the one of these words that it is written with. `impulse` is the held variable by
+    whose impulse the one of its targets changes that is not held (empty: it is set)."""
 
     name: str
     key: str
@@ -281,6 +280,7 @@ class EventDefinition:
     first: Formula | None
     resets: tuple[Reset, ...]
     place: Place
+    impulse: str = ""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,9 @@ def check_events(component: Component, lookup: Lookup, lengths: Lengths, problem
             _instant(component, event, lookup, lengths, problems)
         for reset in event.resets:
             _reset(component, reset, lookup, lengths, problems)
-    set_by = {reset.target.text for event in component.when for reset in event.resets}
+        if event.impulse:
+            _impulse(component, event, problems)
+    set_by = {name for event in component.when for name in (event.impulse, *(reset.target.text for reset in event.resets))}
     for name, variable in component.held.items():
         if name not in set_by:
             problems.add("held-never-set", f"'{name}' is held, but no event sets it", variable.place,
@@ -129,6 +131,28 @@ def _reset(component: Component, reset: Reset, lookup: Lookup, lengths: Lengths,
     if None not in (found, wanted) and found != wanted and not is_generic(found or ONE) and not is_generic(wanted or ONE):
         problems.add("units-differ", f"'{target.text}' is in {dimension_text(wanted or ONE)}, its new value is in "
                      f"{dimension_text(found or ONE)}", reset.value.place, hint="Check the factors of the formula.")
+
+
+def _impulse(component: Component, event: EventDefinition, problems: Problems) -> None:
+    """An impulse is that of a held variable which is 0 between events and stands in the equations; it changes one variable
+    of the component."""
+    force = component.held.get(event.impulse)
+    speeds = [reset.target.text for reset in event.resets if reset.target.text not in component.held]
+    if force is None or force.held or force.count is not None:
+        problems.add("impulse-form", f"`impulse: {event.impulse}` is no held variable that starts at 0", event.place,
+                     hint=f"Declare it, `{event.impulse}: {{unit: N, held: 0}}`, and add it to the force of the contact in "
+                     "the equations.")
+    elif any(reset.target.text == event.impulse for one in component.when for reset in one.resets):
+        problems.add("impulse-form", f"'{event.impulse}' is the force of an impact, so no event sets it", event.place,
+                     hint="Leave it out of `then:`; apart from the instant of the impact it is 0.")
+    elif not any(name.text == event.impulse for line in component.equations for side in (line.tree.left, line.tree.right)
+                 for name in names(side)):
+        problems.add("impulse-form", f"'{event.impulse}' stands in no equation, so its impulse has no effect", event.place,
+                     hint="Add it to the force of the contact in the equations.")
+    if len(speeds) != 1:
+        problems.add("impulse-form", f"the impulse of '{event.name}' changes one variable; `then:` has "
+                     f"{listing(speeds) if speeds else 'none that is not held'}", event.place,
+                     hint="Write the new value of the relative speed, `then: {v: -e*v}`, beside held variables.")
 
 
 def _is_given(component: Component, target: Name) -> bool:

@@ -28,7 +28,7 @@ def when_entries(node: Node | None, problems: Problems) -> tuple[EventDefinition
 
 def _event(key: Scalar, entry: Mapping, problems: Problems) -> EventDefinition | None:
     what = f"event '{key.text}'"
-    reading.known_keys(entry, (*KINDS, "from", "then"), what, problems, ("then",))
+    reading.known_keys(entry, (*KINDS, "from", "impulse", "then"), what, problems, ("then",))
     kinds = [kind for kind in KINDS if kind in entry.items]
     if len(kinds) != 1:
         said = "does not say when it happens" if not kinds else f"has `{kinds[0]}:` and `{kinds[1]}:`"
@@ -41,7 +41,8 @@ def _event(key: Scalar, entry: Mapping, problems: Problems) -> EventDefinition |
     formula = reading.formula_of(entry.items[kind], kind, problems)
     first = reading.formula_of(entry.items["from"], "from", problems) if "from" in entry.items else None
     resets = _resets(what, entry.items.get("then"), problems)
-    return EventDefinition(key.text, kind, formula, first, resets, key.place) if formula is not None else None
+    impulse = reading.text(entry.items.get("impulse"), "impulse", problems)
+    return EventDefinition(key.text, kind, formula, first, resets, key.place, impulse) if formula is not None else None
 
 
 def _resets(what: str, node: Node | None, problems: Problems) -> tuple[Reset, ...]:

@@ -21,6 +21,7 @@ from heavebond.equations.reduce import Reduced, reduce
 from heavebond.equations.resolver import Resolver
 from heavebond.language.model import Model
 from heavebond.language.symbols import split, stack
+from heavebond.numerics.impulses import with_impulses
 from heavebond.text.expression import Expr, ExpressionProblem
 
 Array = NDArray[np.float64]
@@ -186,6 +187,7 @@ def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Ass
 
 def build(reduced: Reduced) -> Assembly:
     """The CasADi functions of a reduced model."""
+    reduced = with_impulses(reduced)
     flat = reduced.flat
     u = ca.SX.sym("u", 1 + 4 * len(flat.inputs)) if flat.inputs else ca.SX(0, 1)
     arguments = (flat.time, reduced.x, reduced.z, flat.p, u, flat.rate)
@@ -196,7 +198,6 @@ def build(reduced: Reduced) -> Assembly:
         return substitute_inputs(expression, flat, flat.time, u)
 
     _check_events(reduced)
-    _check_prescribed(reduced)
     _check_smoothness(reduced, [reduced.ode, reduced.alg, values])
     ode, alg, values = (with_inputs(e) for e in (reduced.ode, reduced.alg, values))
     pivots = with_inputs(stack([q.coefficient for q in reduced.pivots]))
@@ -224,36 +225,6 @@ def _check_events(reduced: Reduced) -> None:
                 problems.add("every-not-positive", f"'{event.name}' would happen every {period:g} s", event.place,
                              hint="Give a time above 0.")
     problems.raise_as(ModelError)
-
-
-def _check_prescribed(reduced: Reduced) -> None:
-    """The motion at a prescribed port does not feel the component: no rate of a state that it follows depends on what the
-    component holds between its events, be it through unknowns of loops; ModelError otherwise."""
-    flat, problems = reduced.flat, Problems()
-    ports = [(path, leaf, port) for path, leaf in flat.expanded.leaves.items()
-             for port in leaf.component.ports.values() if port.prescribed and leaf.component.held]
-    for path, leaf, port in ports:
-        own = {flat.constants[f"{path}.{name}"].element_hash() for name in leaf.component.held}
-        flows = flat.expanded.model.library.domains[port.domain].flows
-        motion = reduced.express(stack(flat.levels[0][flat.names[f"{path}.{port.name}.{flow}"]] for flow in flows))
-        if own & _felt(reduced, motion):
-            problems.add("port-not-prescribed", f"what moves port {port.name} of '{path}' would have to feel '{path}', "
-                         "whose law gives it no push: momentum and energy would be made", leaf.place,
-                         hint=f"Join {path}.{port.name} to what stands still or is driven, whatever acts on it (Fixed, "
-                         "PositionSource ...); between two bodies take an elastic law, such as Contact or EndStop.")
-    problems.raise_as(ModelError)
-
-
-def _felt(reduced: Reduced, motion: ca.SX) -> set[int]:
-    """The hashes of the symbols on which a motion and the rates of the states in it depend."""
-    rate_of = {s.element_hash(): rate for s, rate in zip(split(reduced.x), split(reduced.ode), strict=True)}
-    loops = [{s.element_hash() for s in ca.symvar(row)} for row in split(reduced.alg)]
-    unknown = {s.element_hash() for s in split(reduced.z)}
-    found = {s.element_hash() for s in ca.symvar(motion)}
-    found |= {s.element_hash() for h in found & rate_of.keys() for s in ca.symvar(rate_of[h])}
-    while more := set().union(*(row for row in loops if row & found & unknown)) - found:
-        found |= more
-    return found
 
 
 def _check_smoothness(reduced: Reduced, expressions: list[ca.SX]) -> None:

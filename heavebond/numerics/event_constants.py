@@ -41,6 +41,9 @@ class EventConstants:
         thousand points at least. Doubled: runs that crawl are given up later.
     max_cascades: events that set off each other at one instant. Origin: a chain of as many relays. Doubled: the error
         of a circle comes later.
+    impact_time: seconds within which the impulse of an impact acts on what gives way to it (friction that sticks, bodies
+        at rest on each other). Origin: machine parts touch for 10 us to 1 ms. Doubled: friction holds against impulses
+        twice as large, which are then passed on.
     max_halvings: halvings of a step in which a choice of states ends. Origin: rounding of time. Doubled: nothing.
     max_failures: failures of the integrator without an event between. Origin: a bound on the time of a run without
         progress. Doubled: a hopeless run ends later.
@@ -74,6 +77,7 @@ class EventConstants:
     steps_ahead: int = 3000
     steps_between: int = 30_000
     max_cascades: int = 100
+    impact_time: float = 1e-6
     max_halvings: int = 40
     max_failures: int = 400
     max_solver_changes: int = 200

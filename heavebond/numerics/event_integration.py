@@ -386,12 +386,12 @@ class EventIntegration:
         if condition:
             self._check_chatter(now.t, events, record)
         for _ in range(EVENTS.max_cascades):
-            point, moved = equations.fire(point, moved, events, delays, factors)
-            happened, late = happened + events, late + delays
+            point, moved, yielded = equations.fire(point, moved, events, delays, factors)
+            happened, late = happened + yielded + events, late + delays[:1] * len(yielded) + delays
             now = begun.standing(point, moved)
             values, rates = self._indicators(now)
             # what happened just now is true unless it is left at once; what else is true now became so by the reset
-            fired = np.array([i in events for i in self.conditions], dtype=bool)
+            fired = np.array([i in (*events, *yielded) for i in self.conditions], dtype=bool)
             true = (values + rates * self.same > 0) & (fired | (values > 0))
             set_off = true & ~begun.true & ~fired
             begun = replace(now, true=true)

@@ -73,6 +73,10 @@ class EventEquations:
         first, period = (assembly.express(stack(e.first for e in self.events)),
                          assembly.express(stack(ca.SX(0) if e.period is None else e.period for e in self.events)))
         direction = ca.SX.sym("d", p.numel())
+        impulses = [event.impulse for event in self.events]
+        self._impulses = ca.Function("impulses", arguments, [assembly.express(stack(
+            ca.SX(0) if i is None or i.size is None else i.size for i in impulses))])
+        self._forces = [None if i is None else i.force for i in impulses]
         self._instants = ca.Function("instants", [p, direction], [
             first, period, ca.jtimes(first, p, direction), ca.jtimes(period, p, direction)])
         self._differentiated = differentiated(assembly)
@@ -198,21 +202,48 @@ class EventEquations:
         residual = np.array(self._along(*columns, np.zeros((1, m)), moved.x, np.zeros((len(point.z), m)), moved.p)[0])
         return -np.linalg.solve(np.array(self._by_z(*point.values())), residual.reshape(-1, m))
 
+    def yielding(self, point: Point, fired: Sequence[int]) -> tuple[Point, list[int]]:
+        """The point after what gives way to the impulses of the events `fired`, and the events by which it does: friction
+        that sticks holds a finite force, and a body that rests on another cannot pull it. Their conditions are looked at
+        under the force that gives the impulse within `EVENTS.impact_time`."""
+        yielded: list[int] = []
+        for event in (e for e in fired if self._forces[e] is not None):
+            for _ in range(EVENTS.max_cascades):
+                impulse = float(np.array(self._impulses(*point.values())).ravel()[event])
+                if not impulse or not np.isfinite(impulse):
+                    break
+                p = point.p.copy()
+                p[self._forces[event]] = impulse/EVENTS.impact_time
+                loaded = self.settled(replace(point, p=p), fired)
+                before, (under, values) = (self._values(*at.values()) for at in (point, loaded))
+                turned = (np.array(under).ravel() > 0) & (np.array(before[0]).ravel() <= 0)
+                more = [i for c, i in enumerate(self.conditions) if turned[c] and i not in (*fired, *yielded)]
+                if not more:
+                    break
+                for i in more:
+                    held = self._set(point, np.array(values).ravel(), i).p
+                    point = replace(point, p=held)
+                point, yielded = self.settled(point, more), yielded + more
+        return point, yielded
+
     def fire(self, point: Point, moved: PointSensitivity, fired: Sequence[int], delays: Sequence[Array], factors: Array
-             ) -> tuple[Point, PointSensitivity]:
-        """The point and its derivatives after the events `fired` at one instant, with the delays dT (m,) of each.
+             ) -> tuple[Point, PointSensitivity, list[int]]:
+        """The point and its derivatives after the events `fired` at one instant, with the delays dT (m,) of each, and the
+        events that their impulses set off (see `yielding`).
 
         All new values are those before the instant. Where events coincide that move differently with a parameter, the
         derivative is that for the order in which they stand.
         """
+        begun = point
+        point, yielded = self.yielding(point, fired)
         values, now = np.array(self._values(*point.values())[1]).ravel(), point
         values = self.partners.exchange(values, point, fired)
         if not moved.x.shape[1]:
             for event in fired:
                 now = self._set(now, values, event)
-            return self.settled(now, fired), moved
+            return self.settled(now, fired), moved, yielded
         x, q, p = moved.x.copy(), moved.q.copy(), moved.p.copy()
-        x_rate, _ = before = self.rates(point, factors)
+        x_rate, _ = before = self.rates(begun, factors)
         for event, delay in zip(fired, delays, strict=True):
             now = self.settled(self._set(now, values, event), fired)
             _, new = self._at_one(point, delay, moved.x + np.outer(x_rate, delay), moved.p)
@@ -226,7 +257,7 @@ class EventEquations:
                 if held is not None:
                     p[held] = new[row]
             before = after
-        return now, PointSensitivity(x, q, p)
+        return now, PointSensitivity(x, q, p), yielded
 
     def would_change(self, point: Point, event: int) -> bool:
         """Whether the event would set anything at a point to another value than it has there."""

@@ -199,7 +199,8 @@ def _events(component: Component) -> list[str]:
     words = {"condition": "as this becomes true:", "at": "once, at", "every": "again and again, every"}
     return [f"* `{e.name}` happens {words[e.key]} `{e.formula.text}`"
             + (f" from `{e.first.text}` on" if e.first is not None else "")
-            + "; then " + ", ".join(f"`{r.target.text}` becomes `{r.value.text}`" for r in e.resets) + "."
+            + f"; then, by an impulse of `{e.impulse}`, " * bool(e.impulse) + "; then " * (not e.impulse)
+            + ", ".join(f"`{r.target.text}` becomes `{r.value.text}`" for r in e.resets) + "."
             for e in component.when]
 
 
