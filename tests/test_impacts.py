@@ -9,6 +9,8 @@ import pytest
 
 import heavebond as hb
 from heavebond.core.errors import ModelError
+from heavebond.exchange.portable import portable
+from heavebond.numerics.impulses import yielding
 
 # p + q = 2 r; T = 1/2 ((2r - q)^2 + q^2 + r^2), so that an impulse at q moves r by 2/5 of what it moves q
 SEESAW = """\
@@ -196,3 +198,10 @@ def test_an_impulse_that_is_not_one_is_refused(written: str, instead: str, tmp_p
 def test_the_force_of_an_impact_has_no_value_at_the_start() -> None:
     with pytest.raises(ModelError, match="held-initial"):
         hb.assemble(hb.loads(SEESAW.replace("r.v: -1 m/s", "r.v: -1 m/s, stop.N_i: 5 N")))
+
+
+def test_an_fmu_has_impacts_alone_and_none_at_which_something_yields() -> None:
+    assert yielding(hb.assemble(hb.loads(SEESAW)).reduced) == []
+    assert yielding(hb.assemble(hb.loads(CHAIN)).reduced) == ["last.lift", "first.lift"]
+    with pytest.raises(ModelError, match="export-impact"):
+        portable(hb.loads(STRUCK), events=True)

@@ -26,6 +26,7 @@ from heavebond.language.sections import Setting
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.co_simulation import foreign_parts
 from heavebond.numerics.dae import Array, Assembly, assemble, build
+from heavebond.numerics.impulses import yielding
 from heavebond.numerics.initialise import Start, start
 from heavebond.numerics.inputs import pieced
 from heavebond.numerics.jumps import differentiated
@@ -108,6 +109,11 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
         raise ModelError([Problem("export-events", f"a diagram with events cannot be exported as C: {names}",
                                   assembly.flat.events[0].place, "Export an FMU (`-o model.fmu`): it has the events inside. "
                                   "Or leave out the components that switch or sample.")])
+    if any(event.impulse for event in assembly.flat.events) and (turned := yielding(assembly.reduced)):
+        raise ModelError([Problem("export-impact", f"an impact may set off {listing(turned, 3)} at once, which an FMU "
+                                  "does not look for", next(e.place for e in assembly.flat.events if e.impulse),
+                                  "Leave out friction that sticks (DryFriction) and further stops, or take elastic ones "
+                                  "(EndStop).")])
     return _portable(assembly, column, prefix)
 
 

@@ -20,7 +20,7 @@ from heavebond.core.errors import ModelError, Problems
 from heavebond.equations.events import FlatEvent, FlatReset, Impulse
 from heavebond.equations.matching import maximum_matching
 from heavebond.equations.reduce import Reduced
-from heavebond.language.symbols import split
+from heavebond.language.symbols import split, stack
 
 
 def with_impulses(reduced: Reduced) -> Reduced:
@@ -56,11 +56,24 @@ def _written_out(event: FlatEvent, impulse: Impulse, reduced: Reduced, loops: _L
                      "still, follow a prescribed motion, or are one rigid body.")
         return event
     size = (reduced.express(impulse.value) - speed) / change
-    place, resets = event.place, list(event.resets)
+    place, resets = event.place, [reset for reset in event.resets if reset.held is not None]
     for (unknown, order), symbol, share in zip(reduced.states, split(reduced.x), split(ca.densify(along)), strict=True):
         if order == 0 and not share.is_zero():
             resets.append(FlatReset(reduced.name((unknown, 0)), unknown, None, symbol + share * size, place))
     return replace(event, resets=tuple(resets), impulse=replace(impulse, size=size))
+
+
+def yielding(reduced: Reduced) -> list[str]:
+    """The events of other parts whose conditions an impulse may turn: of friction that sticks, of bodies at rest."""
+    loops, found = _Loops.of(reduced), []
+    conditions = [(e, reduced.express(e.indicator)) for e in reduced.flat.events if e.indicator is not None]
+    for event in (e for e in reduced.flat.events if e.impulse is not None):
+        force = reduced.flat.p[event.impulse.force] if event.impulse else ca.SX(0)
+        moved = stack([force, *(reduced.z[j] for j in loops.reached_by(force))])
+        own = event.name.rpartition(".")[0]
+        found += [e.name for e, condition in conditions if e.name.rpartition(".")[0] != own
+                  and any(ca.which_depends(condition, moved, 1, False))]
+    return list(dict.fromkeys(found))
 
 
 @dataclass(frozen=True)
