@@ -138,6 +138,17 @@ def test_several_starts_reach_the_same_optimum(tmp_path: Path) -> None:
     assert held_out is not None and held_out.chi2 == pytest.approx(1.0, abs=0.43)
 
 
+def test_a_fit_leaves_a_local_minimum_above_points_of_the_ranges(tmp_path: Path) -> None:
+    """From 1700 N/m the oscillation of the model is out of step with the record after few periods, and its nearest optimum
+    is not the lowest one."""
+    experiment = _swing(tmp_path, {"one": 0.05})
+    far = experiment.model.with_parameters({"spring.c": 1700.0, "initial.load.x": 0.05})
+    found = fit(replace(experiment, model=far), free={"spring.c": "0.7 .. 2.2 kN/m"})
+    first, last = found.cost
+    assert last < first / 10
+    assert found.values["spring.c"] == pytest.approx(1200, rel=0.01)
+
+
 def test_outliers_are_tolerated_by_a_robust_loss(tmp_path: Path) -> None:
     experiment = _swing(tmp_path, {"one": 0.05}, outliers=True)
     plain, robust = fit(experiment).values["spring.c"], fit(experiment, robust=True).values["spring.c"]

@@ -22,6 +22,7 @@ from heavebond.diagnosis.equivalent_values import equivalent_values
 from heavebond.diagnosis.fixed_values import fixed_values
 from heavebond.diagnosis.identity import STRONG, Identity, compared, likelihood
 from heavebond.diagnosis.like_places import beyond_their_members, candidates
+from heavebond.diagnosis.places import Places
 from heavebond.diagnosis.predictive_errors import SELECTION, TEST, PredictiveErrors, predictive_errors
 from heavebond.diagnosis.refit import Refit, bic, refitted_from
 from heavebond.diagnosis.refit_schedule import RefitSchedule, planned
@@ -52,7 +53,8 @@ class Stage:
     records cannot tell from it (the chosen one first). `partial`: not all that was planned was refitted; `lost` are the
     candidates whose process died; `acts_as` are the numbers of the diagram of which candidates are another value, by their
     labels. `errors` are the predictive errors without any candidate, `identity` the comparison of the
-    candidates with the chosen one. `planned` is the number of candidates that were to be scored."""
+    candidates with the chosen one. `planned` is the number of candidates that were to be scored, `as_one` are the nodes that
+    move as one in the base model, each with the first of them."""
 
     experiment: Experiment
     values: dict[str, float]
@@ -76,6 +78,7 @@ class Stage:
     identity: Identity | None = None
     acts_as: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     planned: int = 0
+    as_one: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def bic(self) -> float:
@@ -133,6 +136,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     base = fitted_base(experiment)
     errors = predictive_errors(base.problem, base.inner, base.exact, base.r)
     courses = _courses(base)
+    as_one = _as_one(courses)
     found = [c for c in found if always or _says_more(c, base, courses)]
     scores: list[Score] = []
     acts_as: dict[str, tuple[str, ...]] = {}
@@ -150,7 +154,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             left = leftover(base, scores)
             if left.significant or always:
                 acts_as = {} if beside is not None or most is not None else equivalent_values(base, scores)
-                leading, rest, twins = planned(scores, _as_one(courses))
+                leading, rest, twins = planned(scores, as_one)
                 leading = leading[:most]
                 partial = not refits.make(leading, rest if thorough else [], clock.perf_counter() + seconds)
                 say("comparing the best closely")
@@ -159,7 +163,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             clear_signal()
             partial, left, twins = True, leftover(base, scores), {}
     trials = list(refits.trials.values())
-    made = _judged(base, errors, left, scores, trials, twins, partial, clock.perf_counter() - began)
+    made = _judged(base, errors, left, scores, trials, twins, partial, clock.perf_counter() - began, as_one)
     return replace(made, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as, planned=len(found))
 
 
@@ -255,14 +259,14 @@ def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str
 
 
 def _judged(base: Base, errors: PredictiveErrors, left: ResidualTests, scores: Sequence[Score], trials: Sequence[Refit],
-            twins: dict[str, tuple[str, ...]], partial: bool, seconds: float) -> Stage:
+            twins: dict[str, tuple[str, ...]], partial: bool, seconds: float, as_one: Mapping[str, str]) -> Stage:
     problem = base.problem
     ended = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(base.inner), strict=True) if end)
     made = Stage(
         problem.experiment, problem.values_of(base.inner, problem.runs[0].record.name), base.cost, len(base.r),
         float(base.r @ base.r) / len(base.r), errors.mean(SELECTION, TEST), errors.samples(SELECTION, TEST), ended, left,
         tuple(_best_of_each(scores)), tuple(sorted(trials, key=merit)), None, (), twins, tuple(_unseen(scores)), partial,
-        seconds, errors=errors)
+        seconds, errors=errors, as_one=as_one)
     earned = _earned(made)
     return choosing(made, _leader(made, earned)) if earned else made
 
@@ -284,7 +288,7 @@ def choosing(made: Stage, trial: Refit) -> Stage:
     near = [t for t in earned if any(t is m for m in found.members) or _as_good(t, trial)]
     close = [t for t in near if t is not trial and not any(_needless(t, simpler) for simpler in (trial, *near))]
     return replace(made, chosen=trial, identity=found,
-                   cluster=(trial, *close, *_twins_of([trial, *close], made.twins, made.scores)))
+                   cluster=(trial, *close, *_twins_of([trial, *close], made)))
 
 
 def _as_good(trial: Refit, best: Refit) -> bool:
@@ -330,16 +334,14 @@ def simpler_law(made: Stage, trial: Refit) -> Refit | None:
     return min(found, key=merit, default=None)
 
 
-def _twins_of(close: Sequence[Refit], twins: Mapping[str, Sequence[str]], scores: Sequence[Score]) -> list[Refit]:
-    """Candidates of another class that are the same machine as one that was refitted. (Of the same class it is one law at
-    places that act alike; `leakage` between the chambers is `internal leakage` of the piston.)"""
-    by_label = {s.candidate.label: s.candidate for s in scores}
-    found = []
-    for trial in close:
-        for label in twins.get(trial.candidate.label, ()):
-            if not same_class(trial.candidate.kind, by_label[label].kind):
-                found.append(replace(trial, candidate=by_label[label]))
-    return found
+def _twins_of(close: Sequence[Refit], made: Stage) -> list[Refit]:
+    """Candidates of another class, or at another place, that are the same machine as one that was refitted. (`leakage`
+    between the chambers is `internal leakage` of the piston; a delay of an input and of the only channel may act alike.)"""
+    by_label = {s.candidate.label: s.candidate for s in made.scores}
+    pairs = [(trial, by_label[label]) for trial in close for label in made.twins.get(trial.candidate.label, ())]
+    places = Places.of(made.experiment, made.as_one) if pairs else None
+    return [replace(trial, candidate=twin) for trial, twin in pairs if places is not None and (
+        not same_class(trial.candidate.kind, twin.kind) or places.place(trial.candidate) != places.place(twin))]
 
 
 def _best_of_each(scores: Sequence[Score]) -> list[Score]:

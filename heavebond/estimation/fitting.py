@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from heavebond.core import facade
-from heavebond.core.cancellation import finishing, time_limit
+from heavebond.core.cancellation import ENDED_EARLY, finishing, time_limit
 from heavebond.core.cluster import Cluster
 from heavebond.core.errors import HeavebondError, Place, Problem, SimulationError, UsageError, listing, suggest
 from heavebond.core.kept_lines import KeptLines
@@ -190,7 +190,10 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
     say = progress or (lambda text: None)
     with time_limit(si_value(seconds, "s", "seconds")):
         points = problem.starting_points(starts, seed)
-        runs = Starts(points, segments, robust, partial).descents(problem, say, executor, kept)
+        begun = Starts(points, segments, robust, partial)
+        runs = begun.descents(problem, say, executor, kept)
+        if not robust and runs[-1].message != ENDED_EARLY:
+            runs = begun.lower(problem, runs, seed, say)
     costs = [2 * run.cost for run in runs]
     best = runs[int(np.argmin(costs))]
     if 2 * best.cost / problem.samples >= 0.5 * BROKEN**2:

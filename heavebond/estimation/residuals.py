@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from itertools import accumulate
 from typing import Any, Literal
 
@@ -306,12 +306,17 @@ class Residuals:
         prior, allowed = self.priors(inner)[0], self.allowed(inner)
         total = float(prior @ prior)
         try:
-            for run in self.runs:
-                wrong = self._one(run.again([], {}, FitSimulator), allowed, most - total)[0]
+            for run in self._plain:
+                wrong = self._one(run, allowed, most - total)[0]
                 total += float(wrong @ wrong)
         except Exceeded:
             return np.inf
         return total
+
+    @cached_property
+    def _plain(self) -> list[Run]:
+        """The runs without sensitivities."""
+        return [run.again([], {}, FitSimulator) for run in self.runs]
 
     def priors(self, inner: Array) -> tuple[Array, Array]:
         """(p - p0)/sigma of the parameters given as `value +- tolerance`, and its Jacobian."""

@@ -28,6 +28,8 @@ from heavebond.estimation.multiple_shooting import Shooting
 from heavebond.estimation.residuals import Descent, Residuals
 from heavebond.numerics.dae import Array
 
+AROUND = 16  # points of the ranges at which a fit looks for less than it has found
+
 
 @dataclass(frozen=True)
 class Starts:
@@ -63,6 +65,22 @@ class Starts:
             clear_signal()
             return self._ended(found)
         return self._ended(found) if any(d.message == ENDED_EARLY for d in found.values()) else _in_order(found)
+
+    def lower(self, problem: Residuals, runs: Sequence[Descent], seed: int, say: Progress) -> list[Descent]:
+        """The descents, and one more from a point of the ranges at which less is left already than where the best of them
+        ended: that was in another valley (an oscillation that is out of step with the record has several). A run
+        that leaves more ends as soon as it does."""
+        least, lowest = min(2 * run.cost for run in runs), None
+        try:
+            for point in problem.starting_points(AROUND + 1, seed)[1:]:
+                if (found := problem.cost(point, least)) < least:
+                    least, lowest = found, point
+            return [*runs, self._descended(problem, lowest, say)] if lowest is not None else [*runs]
+        except KeyboardInterrupt:
+            if not self.partial:
+                raise
+            clear_signal()
+            return self._ended(dict(enumerate(runs)))
 
     def _ended(self, found: dict[int, Descent]) -> list[Descent]:
         descents = _in_order(found)
