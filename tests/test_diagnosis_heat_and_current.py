@@ -40,6 +40,22 @@ initial: {shaft.w: 0 rad/s, motor.i: 0 A}
 show: {current: {is: motor.i, unit: A}, speed: {is: shaft.w, unit: rad/s}, voltage: {is: supply.u, unit: V}}
 simulate: {until: 8 s, every: 10 ms}
 """
+COIL = """\
+model: coil
+parameters: {late: 0 s}
+components:
+  supply: {is: VoltageSource, u: "=12 V*sin(2*pi*(time - late)/SLOW)**3"}
+  ground: {is: ElectricalGround}
+  wire:   {is: Resistor, R: 4 ohm}
+  coil:   {is: Inductor, L: 0.8 H}
+nodes:
+  plus: [supply.a, wire.a]
+  top:  [wire.b, coil.a]
+  zero: [supply.b, coil.b, ground.a]
+initial: {coil.i: 0 A}
+show: {current: {is: coil.i, unit: A}, voltage: {is: "12 V*sin(2*pi*time/SLOW)**3", unit: V}}
+simulate: {until: 2 s, every: 10 ms}
+"""
 RADIATION = ("components: {glow: {is: HeatRadiation, A: 600 cm**2, epsilon: 0.8}}\n"
              "nodes: {block: [+glow.a], room: [+glow.b]}\n")
 BRUSHES = ("components: {brushes: {is: BrushContact, U_b: 0.8 V}}\n"
@@ -92,3 +108,13 @@ def test_the_voltage_of_brushes_is_told_from_resistance_and_friction(tmp_path: P
     (finding,) = said.findings
     assert said.verdict in ("effect", "one_of") and "brush voltage" in finding.kinds, said.words
     assert said.ladder[-1].chi2_held_out < 1.3 < 20 < said.ladder[1].chi2_held_out
+
+
+def test_places_that_act_alike_are_all_named(tmp_path: Path) -> None:
+    """A linear coil with one channel: whether the voltage or the measured current is late cannot be told."""
+    said = found(tmp_path, COIL, "set: {late: 15 ms}\n", ("0.9 s", "0.7 s"), {"current": ("coil.i", "A", "10 mA", 10e-3)},
+                 ("supply.u", "voltage"), "{wire.R: 4 ohm +- 10 %, coil.L: 0.8 H +- 10 %}", ["delay", "lag"])
+    (finding,) = said.findings
+    assert said.verdict == "one_of"
+    assert {t.candidate.label for t in finding.alternatives} == {"Delay before supply.u", "Delay in the channel coil.i"}
+    assert "delay before supply.u or in the channel coil.i" in said.words[0]
