@@ -97,6 +97,18 @@ def made(case: Case, folder: Path, seed: str = STUDY) -> tuple[Experiment, dict[
     return replace(base, records=records), values
 
 
+def write_case(name: str, folder: Path) -> Path:
+    """The records of a case and its experiment in `folder`; the path of the experiment."""
+    case = CASES[name]
+    made(case, folder)
+    text = case.rig.experiment.read_text(encoding="utf-8")
+    diagram = case.rig.base.model.path
+    file = folder / "compensator.yaml"
+    lines = [f"model: {diagram}" if line.startswith("model:") else line for line in text.splitlines()]
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return file
+
+
 def diagnosed(name: str, folder: Path) -> tuple[dict[str, object], Diagnosis]:
     """One case, from the records to the answer: `diagnose` with its defaults, in one process, without a limit of time."""
     case = CASES[name]

@@ -11,7 +11,9 @@
    whose products are formed here from the nonzeros of one Jacobian, so that no list grows with m. z follows from x by
    Newton's method at each evaluation. The Jacobian of the states is that of every block, so that each linear system is
    solved block by block with one factorisation. */
+#include <malloc.h>
 #include <math.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -46,6 +48,26 @@ typedef struct {
   void (*drop)(N_Vector);
 } Sundials;
 
+/* What CVODES keeps in its memory from the coefficient of the Newton matrix to the linear solver. */
+typedef struct {
+  double gamma, others[9];
+  int iterations;
+  long *failures;
+  int highest_order;
+  long most_steps;
+  int limits[5];
+  double step_limits[3];
+  long counts[19];
+  int warnings;
+  long sizes[6];
+  double ratios[3];
+  int (*init)(void *);
+  int (*setup)(void *, int, N_Vector, N_Vector, int *, N_Vector, N_Vector, N_Vector);
+  int (*solve)(void *, N_Vector, N_Vector, N_Vector, N_Vector);
+  void (*release)(void *);
+  void *own;
+} Newton;
+
 /* A function: `code` holds (operation, result, operand, operand) of each operation; `out` the slots of the outputs. Where
    it is compiled there are no constants, and the outputs follow the inputs from slot `first` on. */
 typedef struct {
@@ -79,9 +101,14 @@ typedef struct {
   int *loop_pivots;
   void *memory;
   N_Vector x;
+  Newton *newton; /* null where GMRES solves */
+  double factored; /* gamma of the factorisation */
 } Problem;
 
-enum { BDF = 2, NEWTON = 2, NORMAL = 1, LEFT = 1, BASES = 5, RIGHT_FAILED = -8, NEWTON_STEPS = 20 };
+/* The problem that this thread integrates: a linear solver of CVODES is given nothing of it. */
+static _Thread_local Problem *integrating;
+
+enum { BDF = 2, NEWTON = 2, NORMAL = 1, LEFT = 1, BASES = 5, HIGHEST_ORDER = 5, RIGHT_FAILED = -8, NEWTON_STEPS = 20 };
 
 /* Newton's method for z ends with a step of less than this share of 1 + |z| (in scaled unknowns); z is not determined where
    a pivot of g_z is less than this share of its largest entry. */
@@ -296,6 +323,16 @@ static int right(double t, N_Vector given, N_Vector rates, void *data) {
   return 0;
 }
 
+/* I - gamma J = P' L U. */
+static int factor_newton(Problem *problem, double gamma) {
+  long n = problem->n, k;
+  double *lu = problem->lu;
+  for (k = 0; k < n * n; ++k) lu[k] = -gamma * problem->jacobian[k];
+  for (k = 0; k < n; ++k) lu[k * n + k] += 1.0;
+  problem->factored = gamma;
+  return factor(lu, n, problem->pivots, problem->inverse, 0.0);
+}
+
 /* The Jacobian at a point, f_x - f_z g_z^-1 g_x, and I - gamma J = P' L U. */
 static int setup(double t, N_Vector given, N_Vector rates, int known, int *renewed, double gamma, void *data, N_Vector a,
                  N_Vector b, N_Vector c) {
@@ -303,7 +340,7 @@ static int setup(double t, N_Vector given, N_Vector rates, int known, int *renew
   const Tape *tape = &problem->full;
   const Pattern *at = &problem->slopes;
   long n = problem->n, n_z = problem->n_z, j, k;
-  double *lu = problem->lu;
+  if (problem->newton && problem->newton->gamma != gamma) return -1; /* then it is not where it was taken to be */
   *renewed = !known;
   if (!known) {
     if (complete(problem, t, problem->sundials->values(given), driving(problem, t))) return 1;
@@ -324,20 +361,23 @@ static int setup(double t, N_Vector given, N_Vector rates, int known, int *renew
           problem->jacobian[at->rows[k] * n + j] -=
               VALUE(tape, n + n_z + k) * problem->by_x[j * n_z + at->columns[k] - n];
   }
-  for (k = 0; k < n * n; ++k) lu[k] = -gamma * problem->jacobian[k];
-  for (k = 0; k < n; ++k) lu[k * n + k] += 1.0;
-  return factor(lu, n, problem->pivots, problem->inverse, 0.0);
+  return factor_newton(problem, gamma);
 }
 
-static int solve(double t, N_Vector x, N_Vector rates, N_Vector given, N_Vector found, double gamma, double delta,
-                 int side, void *data, N_Vector a) {
-  Problem *problem = data;
-  double *z = problem->sundials->values(found);
-  memcpy(z, problem->sundials->values(given), problem->total * sizeof(double));
+/* z = (I - gamma J)^-1 z for each block. */
+static void solve_blocks(Problem *problem, double *z) {
   if (problem->m)
     substitute_all(problem->lu, problem->n, problem->pivots, problem->inverse, z, 1 + problem->m);
   else
     substitute(problem->lu, problem->n, problem->pivots, problem->inverse, z);
+}
+
+static int precondition(double t, N_Vector x, N_Vector rates, N_Vector given, N_Vector found, double gamma, double delta,
+                        int side, void *data, N_Vector a) {
+  Problem *problem = data;
+  double *z = problem->sundials->values(found);
+  memcpy(z, problem->sundials->values(given), problem->total * sizeof(double));
+  solve_blocks(problem, z);
   return 0;
 }
 
@@ -356,12 +396,51 @@ static int times(N_Vector given, N_Vector found, double t, N_Vector x, N_Vector 
   return 0;
 }
 
+/* The direct solver in place of GMRES: one substitution for each of Newton's steps. Between two factorisations gamma moves by
+   less than a third; the step is scaled for that, as the direct solvers of CVODES do. */
+static int solve(void *memory, N_Vector b, N_Vector weight, N_Vector x, N_Vector rates) {
+  Problem *problem = integrating;
+  double *z = problem->sundials->values(b), gamma = problem->newton->gamma;
+  if (gamma != problem->factored) {
+    if (problem->n <= 3 * (1 + problem->m)) { /* then it takes no more than the substitution */
+      if (factor_newton(problem, gamma)) return 1;
+    } else {
+      double share = 2.0 / (1.0 + gamma / problem->factored);
+      long k;
+      for (k = 0; k < problem->total; ++k) z[k] *= share;
+    }
+  }
+  solve_blocks(problem, z);
+  return 0;
+}
+
+/* Put `solve` in place of GMRES, which was attached to a memory that held `before` until then. Its five entries are all that
+   has changed since; where there are others, or what stands before them is not as it was set, GMRES stays. */
+static void solve_directly(Problem *problem, void *const *before, long size, long most_steps) {
+  void **now = problem->memory;
+  long k, first = -1, number = 0;
+  Newton *newton;
+  for (k = 0; k < size; ++k)
+    if (now[k] != before[k]) {
+      if (first < 0) first = k;
+      ++number;
+    }
+  if (number != 5 || first * (long)sizeof(void *) < (long)offsetof(Newton, init)) return;
+  newton = (Newton *)((char *)(now + first) - offsetof(Newton, init));
+  for (k = 0; k < 5; ++k)
+    if (before[first + k] || !now[first + k]) return;
+  if (newton->most_steps != most_steps || newton->highest_order != HIGHEST_ORDER || newton->gamma != 0) return;
+  newton->solve = solve;
+  problem->newton = newton;
+}
+
 static void silent(int code, const char *module, const char *function, char *message, void *data) {}
 
 /* Prepare a problem; 0, or what CVODES answers. */
 int prepare(Problem *problem, double t, double rtol, double atol, long most_steps, double longest) {
   const Sundials *s = problem->sundials;
   int bad = 0;
+  long size;
   problem->x = s->vector(problem->total);
   problem->memory = s->create(BDF, NEWTON);
   if (!problem->x || !problem->memory) return -1;
@@ -372,8 +451,14 @@ int prepare(Problem *problem, double t, double rtol, double atol, long most_step
   if ((bad = s->user_data(problem->memory, problem))) return bad;
   if ((bad = s->most_steps(problem->memory, most_steps))) return bad;
   if (longest > 0 && (bad = s->longest_step(problem->memory, longest))) return bad;
-  if ((bad = s->gmres(problem->memory, LEFT, BASES))) return bad;
-  if ((bad = s->preconditioner(problem->memory, setup, solve))) return bad;
+  size = malloc_usable_size(problem->memory) / sizeof(void *);
+  {
+    void *before[size];
+    memcpy(before, problem->memory, size * sizeof(void *));
+    if ((bad = s->gmres(problem->memory, LEFT, BASES))) return bad;
+    solve_directly(problem, before, size, most_steps);
+  }
+  if ((bad = s->preconditioner(problem->memory, setup, precondition))) return bad;
   return s->jacobian_times(problem->memory, times);
 }
 
@@ -439,6 +524,7 @@ int advance(Problem *problem, long number, const double *stops, long first, doub
   const Sundials *s = problem->sundials;
   long k, more;
   int answer = 0;
+  integrating = problem;
   for (k = 0; k < number; ++k) {
     if (problem->restart) {
       problem->piece = first + k;

@@ -175,6 +175,9 @@ class Unknown:
                 row = self.system.c[i, c, :n]
                 towards = p @ row
                 variance = float(row @ towards) + 1.0
+                if not variance > 0:  # as above: rounding has left no covariance, and the sample tells nothing
+                    found[i, c] = 0.0
+                    continue
                 wrong = error[i, c] - row @ x
                 gain = towards / variance
                 x += gain[:, None] * wrong

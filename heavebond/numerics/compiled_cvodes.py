@@ -92,7 +92,8 @@ class _Problem(ctypes.Structure):
                                                      "n_pieces", "restart")),
                 *((name, _Pointer) for name in ("breaks", "pieces", "at_stops", "directions")), ("piece", ctypes.c_long),
                 *((name, _Pointer) for name in ("z", "along", "jacobian", "lu", "inverse", "pivots", "loop", "loop_inverse",
-                                                "by_x", "loop_pivots", "memory", "x"))]
+                                                "by_x", "loop_pivots", "memory", "x", "newton")),
+                ("factored", ctypes.c_double)]
 
 
 class Equations:
@@ -185,7 +186,7 @@ class CompiledCvodes:
         self._problem = _Problem(
             ctypes.cast(compiled.sundials, _Pointer), *equations.structures(slots), *equations.jacobians(), n, n_z, m,
             self._total, len(equations.moving), equations.n_p, n_u, equations.n_signals, len(columns[1]), driving.restarts,
-            *map(_address, columns), _address(self._directions), 0, *map(_address, work), None, None)
+            *map(_address, columns), _address(self._directions), 0, *map(_address, work), None, None, None, 0.0)
         answer = compiled.library.prepare(
             ctypes.byref(self._problem), self._stops[0], tolerances.rtol, tolerances.atol, most_steps, longest)
         # before what it points to is collected
@@ -245,9 +246,11 @@ class CompiledCvodes:
             setattr(self._problem, name, structure)
 
     def stats(self) -> dict[str, Any]:
-        """Counts of steps and evaluations of the last run, and how the equations were evaluated."""
+        """Counts of steps and evaluations of the last run, how the equations were evaluated, and which linear solver CVODES
+        was given."""
         how = MACHINE_CODE if isinstance(self._functions[0], _Machine) else LISTED
-        return {**dict(zip(("nsteps", "nfevals", "netfails"), self._counts.tolist(), strict=True)), "equations": how}
+        return {**dict(zip(("nsteps", "nfevals", "netfails"), self._counts.tolist(), strict=True)), "equations": how,
+                "linear_solver": "direct" if self._problem.newton else "gmres"}
 
 
 @dataclass(frozen=True)
