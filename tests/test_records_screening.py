@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from heavebond.estimation.records import merged
-from heavebond.records.metrics import estimate_noise
+from heavebond.records.noise import estimate_noise as estimated
 from heavebond.records.outliers import outliers, step_of
 from heavebond.records.time_delay import lateness
 
@@ -35,15 +35,15 @@ SOUND = {
 @pytest.mark.parametrize("name", SOUND)
 def test_bends_edges_and_noise_are_no_outliers(name: str) -> None:
     y = SOUND[name]
-    assert not outliers(T, y, estimate_noise(y, T)).any()
+    assert not outliers(T, y, estimated([(y, T)]).deviation).any()
 
 
 @pytest.mark.parametrize("name", ["noise", "noisy square wave", "noisy triangle", "clipped sine", "ringing after knocks"])
 def test_knocks_are_found_in_each_of_them(name: str) -> None:
     """30 times the noise, and beyond what the channel does between samples; one, two and four in a row."""
     y, spots = SOUND[name].copy(), [130, 2251, 2252, 4120, 4121, 4122, 4123]
-    y[spots] += 30 * estimate_noise(y, T) + 4 * np.abs(np.diff(y[2100:2190])).max()
-    assert np.flatnonzero(outliers(T, y, estimate_noise(y, T))).tolist() == spots
+    y[spots] += 30 * estimated([(y, T)]).deviation + 4 * np.abs(np.diff(y[2100:2190])).max()
+    assert np.flatnonzero(outliers(T, y, estimated([(y, T)]).deviation)).tolist() == spots
 
 
 def test_too_short_to_tell() -> None:

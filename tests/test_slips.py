@@ -26,6 +26,7 @@ from heavebond.estimation.unit_and_sign_checks import (
 from heavebond.language.model import loads
 from heavebond.numerics.simulation import simulate
 from heavebond.records.measurements import read_table
+from heavebond.records.noise import NoiseEstimate
 
 MOTION = np.sin(np.linspace(0, 20, 400)) + 0.3 * np.sin(np.linspace(0, 47, 400))
 
@@ -228,13 +229,15 @@ def test_an_estimated_noise_that_cannot_be_right_is_told() -> None:
     channels = {name: SimpleNamespace(unit="N", error=error, noise=0.02, counts=np.ones(100, bool))
                 for name, error in (("filtered", 0.04), ("quick", 0.01), ("given", 0.04), ("wrong", 1.0))}
     outputs = {name: SimpleNamespace(noise=0.02 if name == "given" else None) for name in channels}
+    estimates = {"filtered": NoiseEstimate(0.02, 0.03, 0.75), "quick": NoiseEstimate(0.02, 0.03, 0.125)}
     comparison = SimpleNamespace(parts=(SimpleNamespace(use="validate", channels=channels),),
-                                 experiment=SimpleNamespace(outputs=outputs))
+                                 experiment=SimpleNamespace(outputs=outputs, estimated_noise=estimates))
     step = SimpleNamespace(left=SimpleNamespace(significant=True), partial=False, at_end=())
     told = verdict.sentences("undetermined", [LadderEntry("rig", 1.1, 0.4, 9.0, 9.0, comparison)],  # type: ignore[arg-type]
                              [], [step], None)  # type: ignore[list-item]
-    assert "`noise: 0.04 N` at filtered: then" in told[1] and "given" not in told[1] and "wrong" not in told[1]
-    assert "noise is left in quick, which" in told[2]
+    assert told[1].startswith("The noise of quick (estimated at 0.02 N) cannot be separated from the signal")
+    assert "`noise: 0.04 N` at filtered: then" in told[2] and "given" not in told[2] and "wrong" not in told[2]
+    assert "noise is left in quick, which" in told[3]
 
 
 def test_a_record_without_sign_is_told() -> None:

@@ -126,6 +126,7 @@ def _check_experiment(path: Path) -> dict[str, object]:
     from heavebond.commands.terminal import output, table, working
     from heavebond.core.errors import ModelError, Problems
     from heavebond.core.presentation import number, readable
+    from heavebond.estimation.channel_noise import with_channel_noise
     from heavebond.estimation.comparison import assemble_for
     from heavebond.estimation.experiment import load_experiment
     from heavebond.estimation.records import Measured, measure
@@ -133,6 +134,7 @@ def _check_experiment(path: Path) -> dict[str, object]:
 
     experiment, problems, found = load_experiment(path), Problems(), dict[str, Measured]()
     with working("reading the records"):
+        experiment = with_channel_noise(experiment)
         for name, record in experiment.records.items():
             try:
                 problems.extend(UsageError(starts_outside(experiment, assemble_for(experiment, record))))
@@ -147,8 +149,11 @@ def _check_experiment(path: Path) -> dict[str, object]:
         for channel, c in measured.channels.items():
             unit = c.output.shown.unit
             rows.append((name, use, span, channel, f"{len(c.time)}", readable(c.noise, unit, 3),
-                         "given" if c.noise_given else "estimated"))
+                         "given" if c.estimate is None else f"estimated, +- {number(100 * c.estimate.error, 2)} %"
+                         if c.estimate.separable else "estimated, not separable from the signal"))
             channels[channel] = {"unit": unit, "samples": len(c.time), "noise": c.noise, "noise_given": c.noise_given}
+            if c.estimate is not None:
+                channels[channel] |= {"noise_error": c.estimate.error * c.noise, "noise_separable": c.estimate.separable}
         figures[name] = {"use": use, "file": str(measured.record.file), "begin": float(measured.grid[0]),
                          "end": float(measured.grid[-1]), "channels": channels, "notes": list(measured.notes)}
     console = output()

@@ -13,11 +13,11 @@ from heavebond.core.progress import Progress
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, ladder_entry, with_limits
 from heavebond.diagnosis.stage import following
 from heavebond.diagnosis.stepwise_selection import SelectedEffect
+from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.comparison import Comparison, compare, compare_record
 from heavebond.estimation.excerpts import as_long_as
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fit, fit
-from heavebond.estimation.input_noise import with_input_noise
 
 
 def loaded(experiment: Experiment | str | Path) -> Experiment:
@@ -27,7 +27,7 @@ def loaded(experiment: Experiment | str | Path) -> Experiment:
     if not any(r.use == "fit" for r in found.records.values()):
         raise UsageError([Problem("fit-no-record", "no record is to be fitted", None,
                                   "Mark at least one record with `use: fit`.")])
-    return with_input_noise(found)
+    return with_noise(found)
 
 
 def compared(experiment: Experiment) -> Comparison:

@@ -207,7 +207,12 @@ def _of_estimates(best: LadderEntry) -> list[str]:
     own = [m for m in channel_errors(best) if outputs[m.channel].noise is None]
     more = [f"`noise: {m.words}` at {m.channel}" for m in own if math.sqrt(DECISION.near) < m.error / m.noise < FILTERED]
     less = [m.channel for m in own if m.error < LESS * m.noise]
-    return [*([f"The noise is estimated, and an estimate sees only what is white. If the residual is the sensor's own (a "
+    estimates = best.comparison.experiment.estimated_noise
+    mixed = [f"{m.channel} (estimated at {readable(m.noise, m.unit, 2)})" for m in own
+             if m.channel in estimates and not estimates[m.channel].separable]
+    return [*([f"The noise of {listing(mixed, 3)} cannot be separated from the signal: judge what is left by the error in "
+               "its unit, not by chi-square, or give `noise:`."] if mixed else []),
+            *([f"The noise is estimated, and an estimate sees only what is white. If the residual is the sensor's own (a "
                f"filter, a slow swaying), write {listing(more, 3)}: then no more is sought in it."] if more else []),
             *([f"Less than the estimated noise is left in {listing(less, 3)}, which moves too much from one sample to the "
                "next for an estimate: give its `noise:` to have more sought."] if less else [])]

@@ -29,10 +29,11 @@ from heavebond.core.presentation import brief, count, number, readable_time
 from heavebond.core.reporting import place, reporting
 from heavebond.core.units import Unit, dimension_text, read_unit
 from heavebond.estimation.change import quoted
+from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.constant_bias import all_advice
 from heavebond.estimation.experiment import Experiment, Output, Record, load_experiment
 from heavebond.estimation.feedback import closed_loops
-from heavebond.estimation.input_noise import noise_notes, with_input_noise
+from heavebond.estimation.input_noise import noise_notes
 from heavebond.estimation.records import Mask, Measured, Samples, measure, moments
 from heavebond.estimation.unit_and_sign_checks import seems_in_another_unit, seems_of_another_sign
 from heavebond.language import reading
@@ -70,7 +71,8 @@ class Channel:
     relative: error / rms of measured; fit: 100 (1 - normalised) %; chi2: mean of (error/noise)**2, 1 where the model
     is right; white: p value of the Ljung-Box test for uncorrelated residuals; step: resolution of a quantised sensor,
     else 0; outlier (n,): samples far from their neighbours; astray (n,): other samples whose residual is far from those
-    of their neighbours; late: estimated delay of the channel relative to the model.
+    of their neighbours; late: estimated delay of the channel relative to the model; separable: whether the noise is given,
+    or its estimate separable from the signal.
     """
 
     name: str
@@ -92,6 +94,7 @@ class Channel:
     astray: Mask
     step: float
     late: TimeDelay | None
+    separable: bool = True
 
     def figures(self) -> dict[str, object]:
         """The error measures without the samples, for tables and JSON."""
@@ -99,6 +102,7 @@ class Channel:
                               "noticeable": self.late.noticeable, "explains": self.late.explains(self.noise)}
         return {"unit": self.unit, "error": self.error, "normalised": self.normalised, "relative": self.relative,
                 "fit_percent": self.fit, "bias": self.bias, "noise": self.noise, "noise_given": self.noise_given,
+                "noise_separable": self.separable,
                 "chi2_per_sample": self.chi2, "white_p": self.white, "samples": int(self.counts.sum()),
                 "outliers": self.time[self.outlier].tolist(),
                 "astray": self.time[self.astray].tolist(), "step": self.step, "late": late}
@@ -194,7 +198,7 @@ def compare(experiment: Experiment | str | Path, *, parameters: Mapping[str, flo
     with a unit; `progress` is called with the name of each record. Raises UsageError, ModelError, DataError, StartError
     or SimulationError with what is wrong.
     """
-    experiment = with_input_noise(experiment if isinstance(experiment, Experiment) else load_experiment(experiment))
+    experiment = with_noise(experiment if isinstance(experiment, Experiment) else load_experiment(experiment))
     problems, kinds = Problems(), set[type[HeavebondError]]()
     records = {}
     for k, record in enumerate(experiment.records.values()):
@@ -405,4 +409,4 @@ def _channel(name: str, found: Samples, simulated: Array, counts: Mask, astray: 
         metrics.rms_error(measured, model), metrics.normalised_rms(measured, model),
         metrics.relative_rms(measured, model), metrics.fit_percent(measured, model), metrics.bias(measured, model),
         metrics.chi2_per_sample(weight * measured, weight * model, noise), metrics.whiteness(measured - model), counts,
-        found.outlier, astray, found.step, late)
+        found.outlier, astray, found.step, late, found.estimate is None or found.estimate.separable)

@@ -19,6 +19,7 @@ from heavebond.language import reading
 from heavebond.language.definition import FileInput
 from heavebond.language.model import Model, beside, beside_hint, find, load_beside
 from heavebond.language.sections import Condition, NamedOutput, Setting, read_conditions, read_settings, shown_as
+from heavebond.records.noise import NoiseEstimate
 from heavebond.text.expression import calling, constant, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source, read
 
@@ -100,7 +101,8 @@ class InputNoise:
 @dataclass(frozen=True)
 class Experiment:
     """A diagram with its records: the columns that are inputs and outputs, and the free parameters with their ranges.
-    `input_noise` is what the noise of its inputs does to the channels of each record (see `estimation.input_noise`)."""
+    `estimated_noise` is that of channels whose noise is not given, over all records (see `estimation.channel_noise`),
+    `input_noise` what the noise of its inputs does to the channels of each record (see `estimation.input_noise`)."""
 
     name: str
     path: Path
@@ -112,6 +114,7 @@ class Experiment:
     outputs: dict[str, Output] = field(default_factory=dict)
     free: dict[str, Free] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
+    estimated_noise: Dictionary[str, NoiseEstimate] = field(default_factory=dict, repr=False, compare=False)
     input_noise: Dictionary[str, InputNoise] = field(default_factory=dict, repr=False, compare=False)
 
     def __repr__(self) -> str:
@@ -120,7 +123,7 @@ class Experiment:
 
     @property
     def noise_given(self) -> bool:
-        """Whether the experiment specifies the noise of every output (else it is estimated from the record)."""
+        """Whether the experiment specifies the noise of every output (else it is estimated from the records)."""
         return all(output.noise is not None for output in self.outputs.values())
 
     def with_parameters(self, values: Dictionary[str, str]) -> Experiment:

@@ -31,10 +31,10 @@ from heavebond.core.progress import Progress
 from heavebond.core.quantities import si_range, si_value
 from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
+from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.comparison import Comparison, RecordComparison, compare_record
 from heavebond.estimation.experiment import Experiment, Free, Record, load_experiment
 from heavebond.estimation.identifiability import Identifiability, identifiability
-from heavebond.estimation.input_noise import with_input_noise
 from heavebond.estimation.records import measure
 from heavebond.estimation.residuals import AT_END, BROKEN, Column, Descent, Residuals
 from heavebond.estimation.starts import Starts
@@ -180,7 +180,7 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
     Raises UsageError where nothing is free, a name is unknown or a range has the wrong unit, ModelError or DataError
     where the experiment is wrong and SimulationError where the model cannot be simulated near the start.
     """
-    experiment = with_input_noise(experiment if isinstance(experiment, Experiment) else load_experiment(experiment))
+    experiment = with_noise(experiment if isinstance(experiment, Experiment) else load_experiment(experiment))
     if free is not None:
         experiment = replace(experiment, free={name: _free(name, given) for name, given in free.items()})
     if not experiment.free:

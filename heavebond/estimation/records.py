@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from heavebond.core.errors import DataError, HeavebondError, Place, Problem, Problems, listing
 from heavebond.core.presentation import count, number, readable
 from heavebond.core.units import Unit, read_unit
-from heavebond.estimation.experiment import Experiment, Origin, Output, Record
+from heavebond.estimation.experiment import Experiment, Output, Record
 from heavebond.estimation.unit_and_sign_checks import declared_otherwise, length_seems_in, time_seems_in
 from heavebond.language.definition import FileInput
 from heavebond.numerics.inputs import input_samples
-from heavebond.records import metrics, outliers
+from heavebond.records import outliers
 from heavebond.records.measurements import BRIDGED, Table, check_gaps, check_time, column, gaps, read_table, samples, timed
+from heavebond.records.noise import MIN_SAMPLES, NoiseEstimate, estimate_noise
 from heavebond.text.expression import constant
 
 Array = NDArray[np.float64]
@@ -44,7 +45,7 @@ class Samples:
     `noise` is the standard deviation in the channel's unit (where inputs have noise, that of both together, rms over
     time), `own_noise` that of the channel alone, `deviation` (n,) that of both at each sample; `input_errors`
     (realisations, n) are realisations of what the noise of the inputs does to it; `step` is that of a sensor that counts,
-    0 for others.
+    0 for others; `estimate` is the estimate of a noise that is not given.
     """
 
     output: Output
@@ -59,6 +60,7 @@ class Samples:
     own_noise: float = 0.0
     deviation: Array = field(default_factory=lambda: np.zeros(0))
     input_errors: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    estimate: NoiseEstimate | None = None
 
     @property
     def dropped(self) -> Mask:
@@ -122,9 +124,9 @@ def measure(experiment: Experiment, record: Record) -> Measured:
     problems, files = Problems(), _Files((record.file, experiment.time_column))
     window, sampled = _window(experiment, record, files, problems)
     found: dict[str, Samples] = {}
-    for name, output in experiment.outputs.items():
+    for name in experiment.outputs:
         try:
-            found[name] = _channel(experiment.origin_of(record, name), record, output, files, window)
+            found[name] = _channel(experiment, record, name, files, window)
         except HeavebondError as error:
             problems.extend(error)
     problems.raise_as(DataError)
@@ -132,15 +134,17 @@ def measure(experiment: Experiment, record: Record) -> Measured:
     found = {name: replace(c, index=index) for (name, c), index in zip(found.items(), indices[1:], strict=True)}
     found = {name: _with_input_noise(experiment, record, k, c) for k, (name, c) in enumerate(found.items())}
     most = max((len(c.time) for c in found.values()), default=0)
-    if most < metrics.MIN_SAMPLES:
+    if most < MIN_SAMPLES:
         raise DataError([Problem(
             "record-short", f"no channel of record '{record.name}' has more than {count(most, 'sample')} in the run; "
-            f"at least {metrics.MIN_SAMPLES} are needed to compare the two", record.place,
+            f"at least {MIN_SAMPLES} are needed to compare the two", record.place,
             "Check `from:`, `to:` and the unit of the time; so few samples do not show how a machine moves.")])
     slips, declared = _unit_slips(experiment, record, files)
     slow = [] if TIME in declared else _time_slip(experiment, record, found)  # what the file itself says is the likelier
     notes = [*slips, *slow, *_driven(experiment, record, files), *_gap_notes(experiment, record, found),
              *(f"{name}: {said}" for name, c in found.items() for said in _remarks(c))]
+    if record is next(iter(experiment.records.values())):
+        notes += [f"{name}: {c.estimate.words}" for name, c in found.items() if c.estimate and not c.estimate.separable]
     if experiment.holds_out(record):
         found = _with_held_out(found, (float(grid[0]), float(grid[-1])))
         notes.append(_held_out_note(found))
@@ -308,7 +312,8 @@ def _cut(experiment: Experiment, record: Record, table: Table) -> Table:
 
 
 # -- a channel -----------------------------------------------------------------------------------------------------
-def _channel(origin: Origin, record: Record, output: Output, files: _Files, window: Array) -> Samples:
+def _channel(experiment: Experiment, record: Record, name: str, files: _Files, window: Array) -> Samples:
+    origin, output = experiment.origin_of(record, name), experiment.outputs[name]
     assert origin.file is not None and origin.time_column is not None
     table = files.table(origin.file, origin.time_column, output.place, origin.time_unit)
     column(table, output.column, output.place)
@@ -326,15 +331,16 @@ def _channel(origin: Origin, record: Record, output: Output, files: _Files, wind
                                  output.place, "Check `from:` and `to:`, the units of both times, and that they count from "
                                  "one moment.")])
     check_time(table, origin.time_column)
-    least, why = (2, "") if output.noise else (metrics.MIN_SAMPLES, " to estimate its noise")
+    estimate = experiment.estimated_noise.get(name)
+    least, why = (2, "") if output.noise or estimate else (MIN_SAMPLES, " to estimate its noise")
     rows = samples(table, origin.time_column, output.column, output.place, least=least, why=why)
     y, t = table.columns[output.column][rows], table.columns[origin.time_column][rows] * scale
-    estimate = metrics.estimate_noise(y, t)
-    estimate = estimate if math.isfinite(estimate) else 0.0
-    noise, step = _noise(output, y, estimate)
+    estimate = estimate or estimate_noise([(y, t)])
+    deviation = estimate.deviation if math.isfinite(estimate.deviation) else 0.0
+    noise, step = _noise(output, y, deviation)
     no = np.zeros(len(t), dtype=bool)
-    return Samples(output, t, y, np.zeros(len(t), dtype=np.int64), outliers.outliers(t, y, max(estimate, step)), no,
-                   noise, output.noise is not None, step)
+    return Samples(output, t, y, np.zeros(len(t), dtype=np.int64), outliers.outliers(t, y, max(deviation, step)), no,
+                   noise, output.noise is not None, step, estimate=None if output.noise else estimate)
 
 
 def _noise(output: Output, y: Array, estimate: float) -> tuple[float, float]:

@@ -15,11 +15,11 @@ from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
 from heavebond.core.units import dimension_text, read_unit
 from heavebond.equations.places import Place
+from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.excerpts import EXCERPTS, excerpt
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fit
-from heavebond.estimation.input_noise import with_input_noise
 from heavebond.estimation.records import measure
 from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.curves import Curve, Design, Mask, Regression, best_curve, regression
@@ -164,7 +164,7 @@ def localize(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, 
     with a unit), so that no fit is needed before. Of long records the beginning is used (see `estimation.excerpts`).
     `progress` is called with a text at each step. Raises what `compare` raises.
     """
-    experiment = with_input_noise(experiment if isinstance(experiment, Experiment) else load_experiment(experiment))
+    experiment = with_noise(experiment if isinstance(experiment, Experiment) else load_experiment(experiment))
     say = progress or (lambda text: None)
     experiment = _beginning(experiment, values)
     records = sorted(experiment.records.values(), key=lambda r: r.use != "fit")

@@ -1,0 +1,40 @@
+"""The noise of measured channels that an experiment does not give: one estimate for each channel, over all its records.
+
+A sensor has the same noise in every record, so the records weigh a channel alike; and a record in which it moves little, or
+in another band, shows its noise where the others hide it (see `records.noise`).
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+
+from heavebond.core.errors import HeavebondError
+from heavebond.core.progress import Progress
+from heavebond.estimation.experiment import Experiment
+from heavebond.estimation.input_noise import with_input_noise
+from heavebond.estimation.records import Samples, measure
+from heavebond.records.noise import estimate_noise
+
+
+def with_noise(experiment: Experiment, progress: Progress | None = None) -> Experiment:
+    """The experiment with the estimated noise of its channels, and with what the noise of its inputs does to them."""
+    return with_input_noise(with_channel_noise(experiment), progress)
+
+
+def with_channel_noise(experiment: Experiment) -> Experiment:
+    """The experiment with an estimate for each channel whose noise is not given; itself where all are given or estimated. A
+    record that cannot be read is left out: what is wrong with it is told where it is compared."""
+    wanted = [name for name, output in experiment.outputs.items()
+              if output.noise is None and name not in experiment.estimated_noise]
+    if not wanted:
+        return experiment
+    found: dict[str, list[Samples]] = {name: [] for name in wanted}
+    for record in experiment.records.values():
+        with suppress(HeavebondError):
+            channels = measure(experiment, record).channels
+            for name in wanted:
+                found[name].append(channels[name])
+    estimates = {name: estimate_noise([(c.measured, c.time) for c in channels]) for name, channels in found.items()}
+    known = {name: estimate for name, estimate in estimates.items() if estimate.deviation > 0}
+    return replace(experiment, estimated_noise={**experiment.estimated_noise, **known})

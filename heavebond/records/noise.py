@@ -1,0 +1,190 @@
+"""Standard deviation of the white noise of a channel, estimated from its records.
+
+A filter of unit norm passes white noise with its variance, whatever its pass band. Filters that stop the signal therefore
+estimate the noise, and of several filters the one that passes least is nearest to it. Two families are used:
+
+* divided differences of order k = 2 .. 8, which remove what within k + 1 neighbouring samples is a polynomial of degree
+  k - 1, for any spacing of the times:
+      d_i = sum_j w_ij y_(i+j),  w_ij ~ 1 / prod_(m != j) (t_(i+j) - t_(i+m)),  sum_j w_ij**2 = 1
+  k = 2 is the pseudo-residual of Gasser et al. What is left of a signal of angular frequency w sampled each h falls as
+  (w h)**k: they fit signals that are slow beside the sampling;
+* band passes of evenly sampled stretches, which share out the frequencies up to half of the sampling frequency: the discrete
+  prolate spheroidal sequence with the time-bandwidth product 4, of which less than 1e-9 of a variance leaks out of its band,
+  times a cosine. They see the floor of the spectrum where a signal is fast and leaves bands free (a resonance that is
+  sampled nine times a period).
+
+T. Gasser, L. Sroka, C. Jennen-Steinmetz, Biometrika 73 (1986) 625-633, doi 10.1093/biomet/73.3.625; higher orders: P. Hall,
+J. W. Kay, D. M. Titterington, Biometrika 77 (1990) 521-528, doi 10.1093/biomet/77.3.521; band passes: D. J. Thomson,
+Proceedings of the IEEE 70 (1982) 1055-1096, doi 10.1109/PROC.1982.12433.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+MIN_SAMPLES = 10
+ORDERS = range(2, 9)
+BANDS = (8, 4)  # of the longest record, as many as its length allows
+PER_BAND = 16  # coefficients of a filter, times the number of bands
+PRODUCT = 4.0
+UNEVEN = 0.01  # departure from even sampling, of a sample interval, on average over the length of a filter
+STILL = 0.1  # share of the samples of a filter that may read as the one before
+CHANCE = 4.0  # standard errors
+LEVEL = 1.25  # ratio of deviations (2 dB) up to which two bands have the same level
+FLAT = 0.5  # share of the frequencies of which more must have the same level for it to be that of noise
+_CLIP = 2.5
+
+
+@dataclass(frozen=True)
+class NoiseEstimate:
+    """White noise of a channel: `deviation`, in its unit (NaN: not known), the relative standard error of it, and the share
+    of the frequencies in which the spectrum has this level (NaN where the records are too short for a spectrum)."""
+
+    deviation: float
+    error: float
+    flat: float
+
+    @property
+    def words(self) -> str:
+        """What it means that noise and signal cannot be separated."""
+        return "its noise cannot be separated from its signal, as the spectrum is nowhere level: the estimated noise, and " \
+               "chi-square with it, may be far from right; give `noise:`"
+
+    @property
+    def separable(self) -> bool:
+        """Whether the spectrum has a level part, as that of white noise, so that noise and signal can be separated. Where
+        it has none, the signal may reach all frequencies (the estimate is too large), or the noise is not white."""
+        return not self.flat <= FLAT
+
+
+@dataclass(frozen=True)
+class _Level:
+    """The deviation of what a filter passes and its relative standard error."""
+
+    deviation: float
+    error: float
+
+
+def estimate_noise(records: Sequence[tuple[ArrayLike, ArrayLike]]) -> NoiseEstimate:
+    """The white noise of a channel from its records, readings y (n,) at increasing times (n,) each.
+
+    The deviation of what a filter passes is taken over all records together, robustly (median, then the rms within 2.5
+    deviations), so that a few knocks do not count. The estimate is the first of the differences that no higher order lowers
+    beyond chance, or the median of the bands of lowest level where that is lower beyond chance.
+
+    Of noise that is correlated over several samples little is seen. A sensor that counts steps is given nearly
+    step/sqrt(12); stretches in which it stands still or is clipped are left out. NaN where no record has 10 samples or all
+    are constant.
+    """
+    given = [(np.asarray(y, dtype=np.float64), np.asarray(t, dtype=np.float64)) for y, t in records]
+    usable = [(y - np.mean(y), t) for y, t in given if len(y) >= MIN_SAMPLES and np.ptp(y)]
+    if not usable:
+        return NoiseEstimate(math.nan, math.nan, math.nan)
+    differences = list(_differences(usable))
+    chance = 1.0 + max(0.02, 2.0 / math.sqrt(sum(len(y) for y, _ in usable)))
+    found = next(s for k, s in enumerate(differences) if s.deviation <= chance * min(x.deviation for x in differences[k:]))
+    bands = list(_bands(usable))
+    if not bands:
+        return NoiseEstimate(found.deviation, found.error, math.nan)
+    lowest = min(bands, key=lambda b: b.deviation)
+    level = [b.deviation for b in bands if _same(b, lowest)]
+    # the median of several has the standard error of their mean times sqrt(pi/2)
+    error = lowest.error * min(1.0, math.sqrt(math.pi / 2 / len(level)))
+    floor = _Level(float(np.median(level)), error)
+    if floor.deviation * (1 + CHANCE * lowest.error) < found.deviation:
+        found = floor
+    return NoiseEstimate(found.deviation, found.error, len(level) / len(bands))
+
+
+def _same(band: _Level, other: _Level) -> bool:
+    """Whether the level of a band is that of another estimate."""
+    return band.deviation <= other.deviation * max(LEVEL, 1 + CHANCE * math.hypot(band.error, other.error))
+
+
+def _differences(records: Sequence[tuple[Array, Array]]) -> Iterator[_Level]:
+    """What the divided differences leave, order after order."""
+    passed = [list(_pseudo_residuals(y, t)) for y, t in records]
+    for k, order in enumerate(ORDERS):
+        h = np.array([(-1.0) ** j * math.comb(order, j) for j in range(order + 1)])
+        yield _level(np.concatenate([p[k] for p in passed]), h)
+
+
+def _pseudo_residuals(y: Array, time: Array) -> Iterator[Array]:
+    """The normalised divided differences of a record."""
+    steps = np.diff(time)
+    t = (time - time[0]) / np.median(steps)
+    weights = np.ones((len(y), 1))
+    for k in range(1, ORDERS[-1] + 1):
+        # f[i .. i+k] = (f[i+1 .. i+k] - f[i .. i+k-1]) / (t_(i+k) - t_i), kept as weights on the samples
+        wider = np.zeros((len(weights) - 1, k + 1))
+        wider[:, 1:] += weights[1:]
+        wider[:, :-1] -= weights[:-1]
+        weights = wider / (t[k:] - t[:-k])[:, None]
+        if k in ORDERS:
+            windows = np.lib.stride_tricks.sliding_window_view(y, k + 1)
+            yield np.sum(weights * windows, axis=1) / np.sqrt(np.sum(weights**2, axis=1))
+
+
+def _bands(records: Sequence[tuple[Array, Array]]) -> Iterator[_Level]:
+    """What the band passes leave of evenly sampled stretches, from the lowest band to the highest; none of short records."""
+    from scipy.signal import oaconvolve
+    from scipy.signal.windows import dpss
+
+    longest = max(len(y) for y, _ in records)
+    number = next((n for n in BANDS if longest >= 2 * PER_BAND * n), 0)
+    if not number:
+        return
+    length = PER_BAND * number
+    window, k = dpss(length, PRODUCT), np.arange(length)
+    even = [(y, _even(y, t, length)) for y, t in records if len(y) >= length]
+    even = [(y, inside) for y, inside in even if inside.any()]
+    for band in range(number if even else 0):
+        h = window * np.cos(np.pi * (band + 0.5) / number * (k - (length - 1) / 2))
+        h /= np.linalg.norm(h)
+        yield _level(np.concatenate([oaconvolve(y, h, mode="valid")[inside] for y, inside in even]), h)
+
+
+def _even(y: Array, time: Array, length: int) -> NDArray[np.bool_]:
+    """Which windows of so many samples are evenly spaced, without a stretch in which the sensor stands still."""
+    steps = np.diff(time)
+    uneven = _sums(np.abs(steps / np.median(steps) - 1), length - 1)
+    still = _sums((np.diff(y) == 0).astype(float), length - 1)
+    return np.asarray((uneven < UNEVEN * (length - 1)) & (still < STILL * (length - 1)))
+
+
+def _sums(x: Array, length: int) -> Array:
+    """The sums of so many neighbours."""
+    total = np.cumsum(np.concatenate([[0.0], x]))
+    return np.asarray(total[length:] - total[:-length])
+
+
+def _level(d: Array, h: Array) -> _Level:
+    """The deviation of what a filter with the coefficients h passes, and its standard error for white noise."""
+    h = h / np.linalg.norm(h)
+    correlation = np.correlate(h, h, "full")
+    return _Level(spread(d), math.sqrt(float(correlation @ correlation) / (2 * len(d))))
+
+
+def spread(d: Array) -> float:
+    """Standard deviation of d (mean 0) despite outliers: the median, then three passes of a clipped rms."""
+    # zero to rounding: a sensor that stands still or counts steps tells nothing about noise there
+    d = d[np.abs(d) > 1e-9 * _rms(d)]
+    if not len(d):
+        return 0.0
+    found = float(np.median(np.abs(d))) / 0.6744897501960817  # the median of |normal|
+    density = math.exp(-_CLIP**2 / 2) / math.sqrt(2 * math.pi)
+    inside = 1 - 2 * _CLIP * density / math.erf(_CLIP / math.sqrt(2))  # variance of a normal cut at +-2.5
+    for _ in range(3):
+        kept = d[np.abs(d) <= _CLIP * found]
+        found = _rms(kept) / math.sqrt(inside)
+    return found
+
+
+def _rms(e: Array) -> float:
+    return math.sqrt(float(np.mean(np.square(e))))
