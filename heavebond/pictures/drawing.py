@@ -15,10 +15,11 @@ from heavebond.language.model import Model
 from heavebond.pictures.colour_map import FADED, Paint
 from heavebond.pictures.layout import Drawn, Item, Options, Strand, lay_out
 from heavebond.pictures.pictograms import SIDES, STRAIGHT, Anchor, Mark, Shape, box, symbol
-from heavebond.pictures.sheets import NODE, marked_places, opened_blocks, sheet
+from heavebond.pictures.sheets import NODE, Sheet, marked_places, opened_blocks, sheet
 from heavebond.pictures.text_metrics import (
     FONT,
     KIND,
+    NAME,
     SUMMARY,
     TITLE,
     VALUE,
@@ -64,8 +65,17 @@ def draw_expanded(expanded: Expanded, network: Network, *, open: Iterable[str] =
     marks = marked_places(expanded, dict(highlight) if isinstance(highlight, Mapping) else dict.fromkeys(highlight, ""))
     blocks = opened_blocks(expanded, [open] if isinstance(open, str) else open, open_all, marks)
     told = {path: colour.text(value) for path, value in colour.parts.items()} if colour else {}
-    drawn = lay_out(sheet(expanded, network, blocks), {}, Options(values, marks, told))
+    outermost = sheet(expanded, network, blocks)
+    drawn = lay_out(outermost, own_sides(expanded, outermost), Options(values, marks, told))
     return _page(expanded.model, drawn, Look(marks, colour)), drawn
+
+
+def own_sides(expanded: Expanded, outermost: Sheet) -> dict[str, str]:
+    """The edges on which the ports of a block stand that is drawn by itself; none for a diagram, which has no ports."""
+    if not outermost.ports:
+        return {}
+    sides = {port: side for side, ports in _sides(expanded.leaves[""].component).items() for port in ports}
+    return {port: sides.get(port.partition("[")[0], "left") for port in outermost.ports}
 
 
 @dataclass(frozen=True)
@@ -130,10 +140,10 @@ def _sides(component: Component) -> dict[str, list[str]]:
     return {"left": [*powers[:half], *signals["in"]], "right": [*powers[half:], *signals["out"]]}
 
 
-def _port_name(anchor: Anchor) -> Lettering:
+def _port_name(anchor: Anchor, style: Style = KIND) -> Lettering:
     """The name of a port outside the picture, beside the end of its wire."""
     dx, dy = SIDES[anchor.side]
-    line = (Line(anchor.port, KIND),)
+    line = (Line(anchor.port, style),)
     align = {-1: "end", 0: "middle", 1: "start"}[dx]
     return lettering(line, anchor.x + 5 * dx, anchor.y - 6 + (10 * dy if dy > 0 else 9 * dy), align)
 
@@ -154,13 +164,34 @@ def _page(model: Model, drawn: Drawn, look: Look) -> str:
         f"<title>{xml(model.name)}</title>",
         f'<rect x="{left}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
         *_lettered(heading.moved(0, extent.top - shift), "#000000", "heading"),
-        *_sheet(drawn, look), *legend[0], "</svg>"]
+        *(_frame(drawn) if drawn.sheet.ports else ()),
+        *_sheet(drawn, look), *(_own_ports(drawn) if drawn.sheet.ports else ()), *legend[0], "</svg>"]
     return "\n".join(lines) + "\n"
+
+
+def _frame(drawn: Drawn) -> list[str]:
+    """The outline of a block that is drawn by itself."""
+    frame = drawn.frame
+    return [f'<rect x="{frame.left:g}" y="{frame.top:g}" width="{frame.right - frame.left:g}" '
+            f'height="{frame.bottom - frame.top:g}" rx="4" stroke="{QUIET}" stroke-width="1" stroke-dasharray="12 3 2 3"/>']
+
+
+def _own_ports(drawn: Drawn) -> list[str]:
+    """The ports of a block that is drawn by itself, with their names outside its outline."""
+    lines = []
+    for anchor in drawn.anchors:
+        colour = domain_colour(drawn.sheet.ports[anchor.port])
+        lines.append(f'<circle cx="{anchor.x}" cy="{anchor.y}" r="3.5" fill="#ffffff" stroke="{colour}" '
+                     'stroke-width="1.6"/>')
+        lines += _lettered(_port_name(anchor, NAME), colour, "own-port")
+    return lines
 
 
 def extent_of(drawn: Drawn) -> Box:
     """All that stands on the outermost sheet."""
     boxes = [item.extent for item in drawn.items]
+    if drawn.sheet.ports:
+        boxes += [drawn.frame, *(_port_name(anchor, NAME).box for anchor in drawn.anchors)]
     boxes += [item.caption.box for item in drawn.items if item.caption]
     for line in drawn.lines:
         boxes += [line.caption.box] if line.caption else []

@@ -172,7 +172,7 @@ class _Reader:
         body = self._body(scope)
         parts = {}
         for path, leaf in self.expanded.leaves.items():
-            if _owner(path) == scope:
+            if path and _owner(path) == scope:  # a block by itself has its own path, which is empty
                 name = path.rpartition(".")[2]
                 parts[name] = self._part(path, name, leaf, body)
         owner = self.expanded.leaves.get(scope)

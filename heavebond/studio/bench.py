@@ -19,6 +19,7 @@ from heavebond.language.definition import Instance
 from heavebond.language.model import Model, from_source
 from heavebond.language.power_terms import CREATED, power_problems, used
 from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.numerics.idas import Tolerances
 from heavebond.numerics.initialise import start
 from heavebond.numerics.inputs import pieced
 from heavebond.numerics.quick_simulation import QuickSimulator
@@ -26,10 +27,18 @@ from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.simulation import changes_of, simulate
 from heavebond.numerics.simulator import grid
 from heavebond.pictures.animation import packed
-from heavebond.pictures.drawing import draw_expanded
+from heavebond.pictures.drawing import draw_expanded, symbol_picture
 from heavebond.pictures.motion import animate
 from heavebond.studio.animation import animation, modes
-from heavebond.studio.contents import Entry, contents, part_lines, problem_entry
+from heavebond.studio.blocks import Block, is_block, read_block
+from heavebond.studio.contents import (
+    Entry,
+    contents,
+    own_parameters,
+    own_port_entries,
+    part_lines,
+    problem_entry,
+)
 from heavebond.studio.edit_actions import edited
 from heavebond.studio.evidence import Evidence, assembled, experiment_entry, files_of, proposal, written_experiment
 from heavebond.studio.grid import grid_of
@@ -37,6 +46,8 @@ from heavebond.studio.job import Job
 from heavebond.studio.palette import component_entry, palette
 from heavebond.text.yaml_source import parse
 
+# of runs while a slider moves: on the screen the width of a line is a thousandth of the range; the run that follows is exact
+PREVIEWED = Tolerances(rtol=1e-6, atol=1e-8)
 KEPT = 24  # runs whose results a worker keeps; older ones are simulated again where a further signal of them is asked for
 
 
@@ -67,6 +78,9 @@ def view(job: Job, opened: Sequence[str] = ()) -> Entry:
     try:
         source = parse(job.text, Path(job.path), job.name)
         parts = part_lines(source.root)
+        if is_block(source):
+            found |= block_entry(read_block(source), job.name, opened, problems)
+            return {**found, "problems": [problem_entry(p, job.name, parts) for p in problems.found]}
         if "experiment" in source.root.items:
             found["evidence"] = True
             experiment = experiment_from_source(source)
@@ -92,6 +106,22 @@ def view(job: Job, opened: Sequence[str] = ()) -> Entry:
     order = sorted(problems.found, key=lambda p: (p.place.file != job.name, p.place.line, p.place.column) if p.place else
                    (True, 0, 0))
     return {**found, "problems": [problem_entry(p, job.name, parts) for p in order]}
+
+
+def block_entry(block: Block, text_name: str, opened: Sequence[str], problems: Problems) -> Entry:
+    """The inside of a block as a diagram is shown; of a component that has no parts its symbol."""
+    problems.found += block.problems.found
+    inside = block.component.composite
+    shown = [name for name in opened if name in block.expanded.blocks]
+    svg, drawn = draw_expanded(block.whole, block.network, open=shown) if inside else \
+        (symbol_picture(block.component), None)
+    own = {"name": block.component.name, "ports": own_port_entries(block.component, block.network, block.expanded, drawn)
+           if drawn is not None else []}
+    return {**contents(block.expanded, block.network, None, text_name, drawn), "svg": svg, "opened": shown, "component": own,
+            "parameters": own_parameters(block.component), "settings": None, "runs": False,
+            "files": [str(p) for p in block.model.library.files.values() if p.parent == block.model.path.parent
+                      and p != block.model.path], "grid": grid_of(drawn) if drawn is not None else None,
+            "whole": all(_is_known(i, block.expanded) for i in block.model.body.instances.values())}
 
 
 def _is_known(instance: Instance, expanded: Expanded) -> bool:
@@ -181,12 +211,12 @@ class Bench:
         """Build what sliders run with, which may take a second (a program is compiled)."""
         key, assembly = self._assembly(job)
         if self._quick is None or self._quick[0] != key:
-            self._quick = (key, QuickSimulator(assembly))
+            self._quick = (key, QuickSimulator(assembly, tolerances=PREVIEWED))
         return {}, np.zeros((0, 0))
 
     def preview(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
-        """A run while a slider moves: the same equations with other numbers, by the integrator of searches, which keeps the
-        tolerances but does not look for the reason where it fails."""
+        """A run while a slider moves: the same equations with other numbers, by the integrator of searches, which does not
+        look for the reason where it fails, with tolerances for the eye."""
         self.prepare(job)
         assert self._quick is not None
         names = list(dict.fromkeys(names))

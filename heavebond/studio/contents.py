@@ -6,11 +6,12 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from heavebond.core.errors import Problem
+from heavebond.core.presentation import readable
 from heavebond.core.units import Unit, UnitProblem, read_unit
 from heavebond.equations.connect import Network
 from heavebond.equations.expand import Bound, Expanded, Leaf
 from heavebond.equations.parameters import declared
-from heavebond.language.definition import FileInput, Parameter, SignalPort, Value
+from heavebond.language.definition import Component, FileInput, Parameter, SignalPort, Value
 from heavebond.language.model import Model
 from heavebond.text.expression import Number
 from heavebond.text.yaml_source import Mapping, Node, Sequence
@@ -38,6 +39,7 @@ def contents(expanded: Expanded, network: Network, assembly: Assembly | None, te
         parameter = leaf.component.parameters[name] if leaf is not None else None
         given.setdefault(owner, []).append(_parameter(path, name, bound, parameter, path in free))
     parts = {path: {"kind": leaf.component.name, "summary": leaf.component.summary, "block": leaf.component.composite,
+                    "path": str(leaf.component.path),
                     "line": leaf.place.line if leaf.place.file == text_name else None,
                     "parameters": [*given.get(path, ()), *_inputs(leaf, free), *_missing(leaf, joined)],
                     "signals": owned.get(path, []), "ports": ports.get(path, [])}
@@ -79,6 +81,29 @@ def port_entries(expanded: Expanded, network: Network, drawn: Drawn) -> dict[str
                 "doc": signal.doc if signal else leaf.component.ports[base].doc, "node": on.get(path, ""),
                 "value": base in leaf.inputs, "at": [[a.x, a.y, a.side] for a in item.anchors(port)]})
     return found
+
+
+def own_port_entries(block: Component, network: Network, expanded: Expanded, drawn: Drawn) -> list[Entry]:
+    """The ports of a block that is drawn by itself, as `port_entries` tells those of its parts."""
+    on = {end.name: path for path, junction in expanded.junctions.items() for end in junction.ends if not end.leaf}
+    found: list[Entry] = []
+    for anchor in drawn.anchors:
+        base = anchor.port.partition("[")[0]
+        signal = block.signal(base)
+        domain = "signal" if signal else network.domains.get("", {}).get(base, "")
+        found.append({"name": anchor.port, "path": anchor.port, "domain": domain,
+                      "direction": signal.direction if signal else "",
+                      "doc": signal.doc if signal else block.ports[base].doc,
+                      "node": on.get(anchor.port, ""), "value": False, "inner": True,
+                      "at": [[anchor.x, anchor.y, anchor.side]]})
+    return found
+
+
+def own_parameters(block: Component) -> list[Entry]:
+    """The parameters that a component declares, with their defaults."""
+    return [{"path": p.name, "name": p.name, "text": p.default.text if p.default else "", "doc": p.doc, "unit": p.unit.text,
+             "limits": [None if v is None else p.unit.from_si(v) for v in (p.low, p.high)]}
+            for p in block.parameters.values()]
 
 
 def _domain(network: Network, path: str) -> str:
@@ -126,6 +151,8 @@ def _parameter(path: str, name: str, bound: Bound, declaration: Parameter | Sign
     without assembling the diagram anew."""
     value = bound.value
     text = value.file.name if isinstance(value, FileInput) else value.text
+    if isinstance(value, Value) and value.si and isinstance(value.expr, Number) and declaration is not None:
+        text = readable(value.expr.value, declaration.unit.text)  # one that no text has, such as that of an absent effect
     entry: Entry = {"path": path, "name": name, "text": text, "doc": declaration.doc if declaration else "",
                     "unit": declaration.unit.text if declaration else ""}
     low = declaration.low if isinstance(declaration, Parameter) else None
@@ -133,14 +160,13 @@ def _parameter(path: str, name: str, bound: Bound, declaration: Parameter | Sign
     if declaration is not None:
         entry["limits"] = [None if low is None else declaration.unit.from_si(low),
                            None if high is None else declaration.unit.from_si(high)]
-    if free and isinstance(value, Value) and (slider := _slider(value, low, high)):
+    if free and isinstance(value, Value) and (slider := _slider(value, text.partition(" ")[2].strip(), low, high)):
         entry["slider"] = slider
     return entry
 
 
-def _slider(value: Value, low: float | None, high: float | None) -> Entry | None:
-    """Value, ends and limits in the unit in which the value is written; logarithmic where all are positive."""
-    written = value.text.partition(" ")[2].strip()
+def _slider(value: Value, written: str, low: float | None, high: float | None) -> Entry | None:
+    """Value, ends and limits in the unit that is `written` behind the value; logarithmic where all are positive."""
     if not isinstance(value.expr, Number) or value.formula:
         return None
     try:

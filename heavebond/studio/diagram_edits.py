@@ -12,10 +12,12 @@ from heavebond.core.errors import Problem, Problems, UsageError, listing, sugges
 from heavebond.equations.connect import Network, connect_as_far
 from heavebond.equations.expand import Expanded, expand_as_far
 from heavebond.language import reading
+from heavebond.language.component_file import COMPONENT_KEYS
 from heavebond.language.library import example
 from heavebond.language.model import MODEL_KEYS, Model, from_source
 from heavebond.pictures.layout import facings
 from heavebond.pictures.sheets import sheet
+from heavebond.studio.blocks import is_block, read_block
 from heavebond.studio.grid import Grid, cells_of, renumbered
 from heavebond.studio.job import Job
 from heavebond.studio.mentions import Named, deleted_mentions, renamed_mentions
@@ -44,8 +46,11 @@ class Diagram:
 
     @property
     def taken(self) -> set[str]:
-        """Names of parts, nodes and parameters."""
-        return {*self.model.body.instances, *self.model.body.wires, *self.model.parameters}
+        """Names of parts, nodes and parameters, in a block of its ports and variables, too."""
+        block = self.expanded.leaves.get("")
+        own = block.component if block is not None else None
+        return {*self.model.body.instances, *self.model.body.wires, *self.model.parameters,
+                *((*own.ports, *own.signal_names, *own.parameters, *own.variables) if own is not None else ())}
 
     def named(self, name: str) -> Named:
         """What the name of a part or node means in formulas."""
@@ -75,9 +80,13 @@ class Diagram:
 
 
 def read_diagram(text: str, job: Job) -> Diagram:
-    """A diagram that may be unfinished; ModelError for a text that cannot be read."""
+    """A diagram or a block that may be unfinished; ModelError for a text that cannot be read."""
     source = parse(text, Path(job.path), job.name)
     said = tree(source.root)
+    if is_block(source):
+        block = read_block(source)
+        assert isinstance(said, dict)
+        return Diagram(text, said, block.model, block.whole, block.network)
     model = from_source(source)
     expanded, _ = expand_as_far(model)
     network, _ = connect_as_far(expanded)
@@ -125,7 +134,8 @@ def move_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
 def others_stay(text: str, diagram: Diagram, job: Job, grid: Grid, moved: set[str]) -> str:
     """The text with places written for the parts that have none, where they would stand elsewhere after others moved."""
     before = {k: cell for k, cell in grid.cells.items() if k not in moved}
-    after = {k: cell for k, cell in cells_of(read_diagram(text, job).expanded).items() if k in before}
+    moved_diagram = read_diagram(text, job)
+    after = {k: cell for k, cell in cells_of(moved_diagram.expanded, moved_diagram.network).items() if k in before}
     if _order(before) != _order(after):
         for other, cell in before.items():
             if other in diagram.section("components") and not position(diagram, other):
@@ -285,7 +295,7 @@ def node_name(diagram: Diagram, ports: tuple[str, str]) -> str:
     if domain is not None:
         own = {*domain.members}
         for part in parts:
-            single = len(diagram.expanded.leaves[part].component.ports) == 1
+            single = part in diagram.expanded.leaves and len(diagram.expanded.leaves[part].component.ports) == 1
             if single and part not in diagram.model.body.wires and not own & diagram.named(part).members:
                 return part
     return free_name("_".join(parts), diagram.taken)
@@ -365,14 +375,15 @@ def _a(domain: str) -> str:
 
 
 def _port_facts(diagram: Diagram, path: str) -> tuple[str, bool]:
-    """The domain of a port, empty where nothing tells it yet, and whether it is an output; UsageError for no port."""
-    part, _, port = path.partition(".")
+    """The domain of a port, empty where nothing tells it yet, and whether it is an output (of a block, seen from inside, an
+    input); UsageError for no port."""
+    part, _, port = path.partition(".") if "." in path else ("", "", path)
     leaf = diagram.expanded.leaves.get(part)
     base = port.partition("[")[0]
     if leaf is None or (base not in leaf.component.ports and base not in leaf.component.signal_names):
         raise UsageError([Problem("port-unknown", f"there is no port '{path[:100]}'")])
     if (signal := leaf.component.signal(base)) is not None:
-        return SIGNAL, signal.direction == "out"
+        return SIGNAL, signal.direction == ("out" if part else "in")
     found = leaf.component.ports[base].domain
     return ("" if found.startswith("$") else found) or diagram.network.domains.get(part, {}).get(base, ""), False
 
@@ -401,5 +412,6 @@ def section_before(text: str, section: str) -> str:
     present = list(parse(text).root.items)
     if section in present:
         return ""
-    earlier = MODEL_KEYS[:MODEL_KEYS.index(section)]
+    known = COMPONENT_KEYS if "component" in present else MODEL_KEYS
+    earlier = known[:known.index(section)]
     return next((key for key in reversed(present) if key in earlier), "")

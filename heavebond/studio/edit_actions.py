@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from heavebond.core.errors import UsageError
 from heavebond.studio import diagram_edits as one
 from heavebond.studio import group_edits as group
 from heavebond.studio import run_edits as run
+from heavebond.studio.blocks import unrunnable
 from heavebond.studio.diagram_edits import Diagram, Entry, read_diagram
 from heavebond.studio.job import Job
 
@@ -15,9 +17,13 @@ ACTIONS: dict[str, Callable[[Diagram, Job, Entry], Entry]] = {
     "rename_node": one.rename_node, "copy": one.copy_part, "delete": one.delete, "join": one.join_ports,
     "leave": one.leave_node, "set": one.set_value, "move_parts": group.move_parts, "copy_parts": group.copy_parts,
     "show": run.show_signal, "initial": run.initial_value, "setting": run.run_setting}
+RUNS = ("show", "initial", "setting")  # what only a diagram has that is simulated
 
 
 def edited(job: Job, action: Entry) -> Entry:
     """The text after an action, and what is selected then. UsageError with the reason where it cannot be done."""
-    act = ACTIONS[str(action["act"])]
-    return act(read_diagram(job.text, job), job, action)
+    name = str(action["act"])
+    diagram = read_diagram(job.text, job)
+    if name in RUNS and "component" in diagram.said:
+        raise UsageError([unrunnable(diagram.model.name)])
+    return ACTIONS[name](diagram, job, action)

@@ -78,6 +78,11 @@ class Folder:
             raise _outside(name)
         return path
 
+    def document(self, path: Path) -> str:
+        """The name of the document in a file of the folder; empty for others."""
+        path = path.resolve()
+        return path.relative_to(self.root.resolve()).as_posix() if self._shown(path) else ""
+
     def _shown(self, path: Path) -> bool:
         """Whether a resolved path lies in the folder, and in no hidden part of it."""
         root = self.root.resolve()
@@ -177,14 +182,15 @@ class Folder:
         return found
 
     def _kind(self, name: str) -> str:
-        """`model` or `experiment` as a file begins, as far as can be told without reading all of it; else empty."""
+        """`model`, `experiment`, `study` or `component` as a file begins, as far as can be told without reading all of it;
+        else empty."""
         try:
             with open(self.path(name), encoding="utf-8", errors="replace") as file:
                 head = file.read(4000)
         except (OSError, HeavebondError):
             return ""
-        heads = {key for key in ("model", "experiment", "study") if re.search(rf"^{key}\s*:", head, re.MULTILINE)}
-        return "" if "study" in heads else "experiment" if "experiment" in heads else "model" if heads else ""
+        kinds = ("study", "experiment", "model", "component")
+        return next((kind for kind in kinds if re.search(rf"^{kind}\s*:", head, re.MULTILINE)), "")
 
 
 def _plain_or_quoted(value: str) -> str:

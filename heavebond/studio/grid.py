@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from math import ceil, floor, isfinite
 from typing import Any
 
-from heavebond.equations.connect import connect_as_far
+from heavebond.equations.connect import Network
 from heavebond.equations.expand import Expanded
+from heavebond.pictures.drawing import own_sides
 from heavebond.pictures.layout import Drawn, placed
 from heavebond.pictures.sheets import sheet
 
@@ -95,7 +96,7 @@ def _filled(known: Mapping[int, float], count: int) -> list[float]:
     return found
 
 
-def cells_of(expanded: Expanded) -> dict[str, Cell]:
+def cells_of(expanded: Expanded, network: Network) -> dict[str, Cell]:
     """The cells of the parts on the outermost sheet, without drawing it."""
-    network, _ = connect_as_far(expanded)
-    return {name: (float(c), float(r)) for name, (c, r) in placed(sheet(expanded, network, frozenset()), {}).cells.items()}
+    outermost = sheet(expanded, network, frozenset())
+    return {name: (float(c), float(r)) for name, (c, r) in placed(outermost, own_sides(expanded, outermost)).cells.items()}

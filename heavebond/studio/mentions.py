@@ -43,7 +43,7 @@ def _formula(path: tuple[Key, ...], raw: str) -> bool:
         return False
     if section in ("parameters", "components", "set", "simulate"):
         return raw.lstrip("'\"").startswith("=")
-    return section in ("nodes", "initial", "show", "view")
+    return section in ("nodes", "initial", "show", "view", "equations", "stores", "dissipates", "requires")
 
 
 def renamed_mentions(text: str, named: Named, new: str, *, node: bool) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 from typing import Any
 
 from heavebond.studio.tab import Handler, Tab, times
@@ -15,6 +16,8 @@ async def _view(tab: Tab, message: dict[str, Any]) -> Answer:
     job = tab.job(message)
     opened = [str(name) for name in message.get("opened", ())]
     answer = await tab.checker.ask_newest("view", job, opened, patience=HANGS)
+    for part in answer[1].get("parts", {}).values() if answer[0] == "done" else ():
+        part["file"] = tab.folder.document(Path(part.pop("path")))
     if answer[0] == "done" and tab.document is not None and tab.document.name == job.name:
         tab.others = await asyncio.to_thread(times, answer[1].get("files", []))
         tab.expect_runs()

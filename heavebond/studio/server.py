@@ -134,7 +134,8 @@ def bind(port: int | None) -> socket.socket:
 def serve(studio: Studio, listener: socket.socket, ready: Callable[[], None]) -> None:
     """Serve until Ctrl-C or SIGTERM; `ready` is called as soon as the page can be opened."""
     config = uvicorn.Config(studio.app(), log_level="error", ws_max_size=4 * FILE_BYTES, timeout_graceful_shutdown=2,
-                            server_header=False, access_log=False, lifespan="on", ws="websockets-sansio")
+                            server_header=False, access_log=False, lifespan="on", ws="websockets-sansio",
+                            ws_per_message_deflate=False)  # on one machine compressing takes longer than sending
     server = uvicorn.Server(config)
 
     async def run() -> None:

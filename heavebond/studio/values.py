@@ -34,14 +34,14 @@ def with_records(text: str, files: Sequence[str]) -> tuple[str, list[str]]:
 
 
 def place_of(root: Mapping, path: str) -> tuple[str, ...]:
-    """The keys under which a parameter is set: where `set:` has it already, else at the diagram's own parameter or at the
-    part, else under `set:`, which also decides over a diagram that is extended."""
+    """The keys under which a parameter is set: where `set:` has it already, else at the diagram's own parameter (a
+    component's: its default) or at the part, else under `set:`, which also decides over a diagram that is extended."""
     given = root.items.get("set")
     if isinstance(given, Mapping) and path in given.items:
         return "set", path
     owner, _, name = path.rpartition(".")
     if not owner:
-        return "parameters", name
+        return ("parameters", name, "default") if "component" in root.items else ("parameters", name)
     parts = root.items.get("components")
     if "extends" not in root.items and isinstance(parts, Mapping) and isinstance(parts.items.get(owner), Mapping):
         return "components", owner, name

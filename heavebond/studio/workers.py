@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import multiprocessing
-import os
 import signal
 import time
 from multiprocessing.connection import Connection
@@ -98,8 +96,6 @@ class Worker:
 def work(pipe: Connection) -> None:
     """The worker's loop, until the server is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the server's, which ends its workers
-    with contextlib.suppress(OSError, AttributeError):
-        os.nice(5)  # the page and its server come first
     from heavebond.studio.bench import fault, tasks
 
     known = tasks()

@@ -1,6 +1,7 @@
 // Completion in the text: keys, components, parameters with their units, ports, and names for formulas.
 
 const SECTIONS = ["model", "summary", "extends", "parameters", "components", "nodes", "set", "remove", "initial", "show", "simulate", "view", "source", "notes"];
+const COMPONENT = ["component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "components", "nodes", "stores", "dissipates", "requires", "symbol"];
 const SIMULATE = ["until", "every", "solver"];
 
 export class Completion {
@@ -18,7 +19,7 @@ export class Completion {
 
   /** @param {any} doc @param {number} number @param {string} before the text of the line up to the cursor */
   async options(doc, number, before) {
-    if (/^\w*$/.test(before)) return SECTIONS.map((label) => ({ label, type: "keyword", apply: `${label}: ` }));
+    if (/^\w*$/.test(before)) return (this.studio.view?.component ? COMPONENT : SECTIONS).map((label) => ({ label, type: "keyword", apply: `${label}: ` }));
     const section = this.section(doc, number);
     if (section === "components") {
       const { palette } = this.studio;

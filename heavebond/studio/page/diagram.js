@@ -216,7 +216,7 @@ export class Diagram {
     const keys = { ArrowLeft: () => this.move(STEP, 0), ArrowRight: () => this.move(-STEP, 0), ArrowUp: () => this.move(0, STEP),
       ArrowDown: () => this.move(0, -STEP), "+": () => this.zoom(1.3), "=": () => this.zoom(1.3), "-": () => this.zoom(1 / 1.3),
       "0": () => this.fit(), Enter: () => this.choose(event.target), " ": () => this.choose(event.target),
-      Escape: () => this.choose(null), o: () => this.picked?.kind === "part" && this.onopen(this.picked.path) };
+      Escape: () => this.choose(null), o: () => this.picked?.kind === "part" && this.onopen(this.picked.path), e: () => this.picked?.kind === "part" && void this.studio.editBlock(this.picked.path) };
     const act = keys[event.key];
     if (act) { event.preventDefault(); act(); }
   }

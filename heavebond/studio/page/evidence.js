@@ -63,12 +63,14 @@ export class Evidence {
 
   layout() {
     const records = this.active || this.jobs.tuning, changed = this.place.hidden === records;
-    for (const id of ["runs", "plots"]) byId(id).hidden = records;
+    const component = Boolean(this.studio.view?.component); // runs within a diagram only
+    for (const id of ["runs", "plots"]) byId(id).hidden = records || component;
     this.studio.animation?.show();
     byId("evidence-bar").hidden = this.place.hidden = !records;
-    for (const id of ["run", "derive"]) byId(id).hidden = this.active;
+    for (const id of ["run", "derive"]) byId(id).hidden = this.active || component;
+    byId("records").hidden = component;
     byId("compare").hidden = !this.active;
-    byId("tune").hidden = this.active || !this.studio.view?.parts;
+    byId("tune").hidden = this.active || component || !this.studio.view?.parts;
     byId("toggle-palette").hidden = this.active; // parts are placed on the diagram, not on an experiment
     if (changed && this.studio.view?.svg) this.studio.diagram.fit();
   }

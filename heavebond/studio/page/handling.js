@@ -40,7 +40,7 @@ export class Handling {
     }, (up) => {
       wiring.pressed = false;
       if (far) this.finish(up);
-      else { wiring.end(); this.studio.pick("part", path.split(".")[0]); wiring.begin(path); } // a click: the next one tells the other end
+      else { wiring.end(); if (path.includes(".")) this.studio.pick("part", path.split(".")[0]); else this.studio.pick("", ""); wiring.begin(path); } // a click: the next one tells the other end
     }, () => { wiring.pressed = false; wiring.end(); });
   }
 

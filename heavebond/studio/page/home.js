@@ -10,7 +10,7 @@ export function showHome(studio, told) {
     await studio.open(made.name);
   });
   const cards = (/** @type {any[]} */ found) => el("ul", { class: "cards" }, ...found.map((d) => el("li", {}, el("b", {}, open(d.name, d.name)))));
-  const diagrams = told.diagrams.filter((/** @type {any} */ d) => d.kind === "model"), experiments = told.diagrams.filter((/** @type {any} */ d) => d.kind === "experiment");
+  const diagrams = told.diagrams.filter((/** @type {any} */ d) => d.kind === "model"), of = (/** @type {string} */ kind) => told.diagrams.filter((/** @type {any} */ d) => d.kind === kind), experiments = of("experiment"), components = of("component");
   const own = diagrams.length ? cards(diagrams)
     : el("p", { class: "none" }, "No diagrams yet. Make a new one, or copy a machine from below and change it.");
   /** @type {Map<string, any[]>} */
@@ -20,6 +20,7 @@ export function showHome(studio, told) {
     el("h2", {}, "Diagrams in ", el("code", { title: told.folder }, told.folder.split("/").at(-1) || told.folder)), own, el("div", {}, el("button", { class: "main", id: "new", onclick: () => fresh(false) }, "New diagram"), " ",
       el("button", { id: "new-empty", onclick: () => fresh(true) }, "Empty diagram")),
     ...(experiments.length ? [el("h2", {}, "Experiments"), el("p", {}, "Diagrams with measured records."), cards(experiments)] : []),
+    ...(components.length ? [el("h2", {}, "Components"), el("p", {}, "Parts of your own, for the diagrams in their folder."), cards(components)] : []),
     el("h2", {}, "Machines that come with heavebond"), el("p", {}, "To be looked at, run, and copied into the folder."),
     el("ul", { class: "cards" }, ...[...machines].map(([name, all]) => machine(studio, open, name, all))));
 }

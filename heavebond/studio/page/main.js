@@ -28,6 +28,7 @@ class Studio {
     /** @type {string[]} */ this.opened = [];
     /** @type {any} */ this.picked = null; // the part or node in the panel
     /** @type {string[]} */ this.chosen = []; // the parts that are moved, copied and deleted together, the picked one among them
+    /** @type {string[]} */ this.trail = []; // the diagrams from which one came to the block that is edited
     this.folder = "";
     this.file = new DiagramFile(this);
     this.editor = new Editor(byId("editor"), nonce, () => this.file.changed(), (line) => this.atLine(line), (context) => this.completion.propose(context));
@@ -59,6 +60,7 @@ class Studio {
 
   listen() {
     byId("go-home").onclick = () => this.home();
+    byId("go-back").onclick = () => this.goBack();
     byId("save").onclick = () => this.file.save();
     byId("copy").onclick = () => this.make("copy");
     byId("derive").onclick = () => this.make("derive");
@@ -84,6 +86,8 @@ class Studio {
       if (mod && event.key === "s") { event.preventDefault(); void this.file.save(); }
       if (mod && event.key === "Enter") { event.preventDefault(); void this.runs.run(); }
       if (event.altKey && event.key === "t") { event.preventDefault(); this.toggleText(); }
+      if (event.altKey && event.key === "ArrowUp" && this.trail.length && !this.typing(event.target)) { event.preventDefault(); void this.goBack(); }
+      if (event.altKey && event.key === "ArrowUp" && this.trail.length && !this.typing(event.target)) { event.preventDefault(); void this.goBack(); }
       if (event.altKey && event.key === "h") { event.preventDefault(); void this.home(); }
       if (event.altKey && event.key === "l" && this.document) { event.preventDefault(); this.palette.toggle(); }
       if (event.key === "/" && !mod && !event.altKey && this.edits.possible && !this.typing(event.target) && !document.querySelector("dialog[open]")) { event.preventDefault(); this.palette.toggle(true); }
@@ -126,7 +130,7 @@ class Studio {
     this.folder = told.folder;
     location.hash = "";
     document.title = byId("title").textContent = "heavebond studio";
-    byId("model").hidden = byId("tools").hidden = byId("go-home").hidden = byId("foot").hidden = true;
+    byId("model").hidden = byId("tools").hidden = byId("go-home").hidden = byId("go-back").hidden = byId("foot").hidden = true;
     byId("unsaved").hidden = true;
     byId("home").hidden = false;
     this.banner(error instanceof Error ? [error.message] : []);
@@ -134,12 +138,14 @@ class Studio {
     showHome(this, told);
   }
 
-  /** @param {string} name */
-  async open(name) {
+  /** @param {string} name @param {string[]} [trail] the diagrams from which one came here */
+  async open(name, trail = []) {
     this.file.keepDraft();
     const told = await this.link.ask("open", { name });
     this.document = told;
-    Object.assign(this, { view: null, opened: [], picked: null, chosen: [] });
+    Object.assign(this, { view: null, opened: [], picked: null, chosen: [], trail });
+    byId("go-back").hidden = !trail.length;
+    byId("go-back").textContent = `← ${(trail.at(-1) ?? "").split("/").at(-1)}`;
     this.diagram.picked = null;
     this.runs.clear();
     this.animation.clear();
@@ -278,6 +284,22 @@ class Studio {
   atLine(line) {
     const found = Object.entries(this.view?.parts ?? {}).find(([path, part]) => part.line === line && !path.includes("."));
     if (found) this.pick("part", found[0]);
+  }
+
+  /** The file of a component, with the way back. @param {string} path @param {string} [part] of it that is selected there */
+  async editBlock(path, part) {
+    const found = this.view?.parts?.[path];
+    if (!found?.file) { if (found) this.edits.refuse(`'${found.kind}' is part of the library or of a bundled machine, which cannot be changed.`); return; }
+    await this.open(found.file, [...this.trail, this.document.name]);
+    if (part) this.pick("part", part.slice(path.length + 1));
+  }
+
+  /** The diagram from which one came, with its text as it was left. */
+  async goBack() {
+    const trail = this.trail.slice(), name = trail.pop();
+    if (!name) return;
+    await this.open(name, trail);
+    document.getElementById("draft-take")?.click();
   }
 
   /** @param {string} path */

@@ -27,6 +27,8 @@ export class Panel {
     if (this.studio.chosen.length) return this.studio.edits.several(this.studio.chosen);
     if (part) return this.part(picked.path, part, view);
     if (node) return [...this.studio.edits.tools(picked.path), el("p", {}, `Node (${node.domain}). It joins:`), this.ends(node), ...this.lines(node), ...this.studio.evidence.about("node", picked.path), ...this.signals("Signals", node.signals)];
+    if (view.component) return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.parameters(view.parameters), ...this.studio.edits.ports(view.component),
+      el("h3", {}, "More"), el("p", {}, "The inside of a component. Changes act wherever a diagram uses it, once the file is saved.")];
     return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.changed(), ...this.studio.evidence.summary(), ...this.parameters(view.parameters), ...this.settings(view),
       ...this.signals("Outputs", view.outputs, view.named), view.outputs.length || this.studio.evidence.active ? null : el("p", {}, "The diagram names no outputs yet."),
       el("h3", {}, "More"), el("p", {}, "Click a part or a wire of the drawing, or go there by Tab and press Enter: its parameters and signals appear here.")].filter(Boolean);
@@ -37,7 +39,17 @@ export class Panel {
     const open = view.opened.includes(path);
     return [...this.studio.edits.tools(path), el("p", {}, el("button", { class: "plain", title: "Read about the component", onclick: () => this.about(part.kind) }, part.kind), ` ${part.summary}`),
       part.block && el("button", { id: "open-block", onclick: () => this.studio.openBlock(path) }, open ? "Close the block (O)" : "Open the block (O)"),
+      part.file && el("button", { id: "edit-block", title: `Open ${part.file}, where this component is described (E)`, onclick: () => this.studio.editBlock(path) }, part.block ? "Edit the block (E)" : "Edit the component (E)"),
+      ...this.owner(path, view),
       ...this.lines(part), ...this.studio.evidence.about("part", path), ...this.parameters(part.parameters), ...this.studio.edits.ports(part), ...this.signals("Signals", part.signals)].filter(Boolean);
+  }
+
+  /** The block in which a part is, whose file has it. @param {string} path @param {any} view */
+  owner(path, view) {
+    const owner = path.split(".").slice(0, -1).join("."), block = view.parts[owner];
+    if (!block) return [];
+    return [el("p", {}, `Inside of the block ${owner} (${block.kind}). `, block.file ? el("button", { class: "plain", id: "edit-owner", onclick: () => this.studio.editBlock(owner, path) }, "Edit it there")
+      : "It is part of the library or of a bundled machine, which cannot be changed.")];
   }
 
   /** @param {string} kind */

@@ -10,7 +10,8 @@ export function fits(one, two) {
   if (one.path === two.path || (one.node && one.node === two.node) || one.value || two.value) return false;
   if ((one.domain === "signal") !== (two.domain === "signal") && one.domain && two.domain) return false;
   if (one.domain && two.domain && one.domain !== two.domain) return false;
-  return !(one.direction === "out" && two.direction === "out");
+  const drives = (/** @type {any} */ port) => port.direction === (port.inner ? "in" : "out"); // an input of a block drives what is inside
+  return !(drives(one) && drives(two));
 }
 
 export class Wiring {
@@ -28,7 +29,7 @@ export class Wiring {
     this.layer = document.createElementNS(SVG, "g");
     this.layer.setAttribute("class", "ports");
     this.ports = new Map();
-    for (const [part, { ports }] of Object.entries(parts)) {
+    for (const [part, { ports }] of [...Object.entries(parts), ["", this.studio.view?.component ?? {}]]) {
       for (const port of part.includes(".") ? [] : ports ?? []) {
         this.ports.set(port.path, port);
         port.marks = port.at.map((/** @type {any[]} */ [x, y]) => this.mark(port, x, y));
