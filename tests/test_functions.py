@@ -293,3 +293,99 @@ def test_units_that_are_open_are_solved_by_each_call() -> None:
     assert dimension(good, lambda name: units[name.text]) == metre
     with pytest.raises(ExpressionProblem, match="argument g of dead_zone must be in m"):
         dimension(bad, lambda name: units[name.text])
+
+
+# -- lists and matrices ------------------------------------------------------------------------------------------------
+LINES = """\
+function: lines
+summary: Straight lines through points.
+inputs:
+  x:  {unit: $X, doc: where}
+  xs: {unit: $X, count: n, doc: points}
+  ys: {unit: $Y, count: n, doc: values}
+outputs: {y: {unit: $Y, doc: value}}
+equations: |
+  d = ys[2..n] - ys[1..n - 1]   # rises
+  y = ys[1] + sum(d[i]*min(max((x - xs[i])/(xs[i + 1] - xs[i]), 0), 1) for i in 1..n - 1)   # lines
+"""
+MOMENTA = """\
+function: momenta
+summary: Momenta and energy of coupled masses.
+inputs:
+  M: {unit: kg, count: [n, n], doc: masses}
+  v: {unit: m/s, count: n, doc: speeds}
+outputs:
+  p: {unit: N*s, count: n, doc: momenta}
+  E: {unit: J, doc: energy}
+equations: |
+  p = M*v          # momenta
+  E = dot(p, v)/2  # energy
+"""
+COUPLED = """\
+component: Coupled
+summary: Two masses that are coupled, on springs by measured points.
+parameters:
+  n: {integer, min: 2, doc: number of points}
+  s: {unit: m, count: n, doc: elongations}
+  F: {unit: N, count: n, doc: tensions}
+  M: {unit: kg, count: [2, 2], doc: mass matrix}
+variables:
+  x: {unit: m, count: 2, doc: places}
+  v: {unit: m/s, count: 2, doc: speeds}
+  p: {unit: N*s, count: 2, doc: momenta}
+requires: [symmetric(M), definite(M)]
+equations: |
+  v = der(x)           # speeds
+  p = momenta(M, v).p  # momenta
+  each i in 1..2: der(p[i]) = -lines(x[i], s, F)   # springs
+power: source
+"""
+SWUNG = """\
+model: swung
+components: {part: {is: Coupled, s: [-1 m, 0 m, 2 m], F: [-8 N, 0 N, 4 N], M: [[2 kg, 1 kg], [1 kg, 3 kg]]}}
+initial: {"part.x[1]": 0.5 m, "part.x[2]": -0.25 m}
+show:
+  energy: {is: "momenta(part.M, part.v).E", unit: J}
+  force:  {is: "lines(part.x[1], part.s, part.F)", unit: N}
+simulate: {until: 2 s}
+"""
+
+
+def swung(folder: Path, **changes: tuple[str, str]) -> Path:
+    for name, text in (("lines", LINES), ("momenta", MOMENTA), ("coupled", COUPLED), ("swung", SWUNG)):
+        old, new = changes.get(name, ("", ""))
+        assert old in text
+        (folder / f"{name}.yaml").write_text(text.replace(old, new, 1) if old else text, encoding="utf-8")
+    return folder / "swung.yaml"
+
+
+def test_functions_of_lists_and_matrices(tmp_path: Path) -> None:
+    """Values by NumPy at every point of a run; energy of the masses and of the springs is kept."""
+    found = hb.simulate(hb.load(swung(tmp_path)), rtol=1e-10)
+    x, v = (np.array([found[f"part.{n}[{k}]"] for k in (1, 2)]) for n in "xv")
+    masses = np.array([[2.0, 1], [1, 3]])
+    assert found["energy"] == pytest.approx(np.einsum("it,ij,jt->t", v, masses, v)/2, abs=1e-12)
+    assert found["force"] == pytest.approx(np.interp(x[0], [-1, 0, 2], [-8, 0, 4]), abs=1e-9)
+    stored = np.where(x < 0, 4*x**2, x**2).sum(axis=0)
+    assert found["energy"] + stored == pytest.approx(np.full(len(found.time), stored[0]), rel=1e-6)
+
+
+@pytest.mark.parametrize(("file", "old", "new", "code", "said"), [
+    ("coupled", "x[i], s, F", "x, s, F", "list-number", "x of lines is a number; this is a list"),
+    ("coupled", "x[i], s, F", "x[i], s, F[1]", "list-number", "ys of lines is a list; this is a number"),
+    ("coupled", "x[i], s, F", "x[i], s, F[1..2]", "list-length", "ys of lines has the length n = 3; this is a list of 2"),
+    ("coupled", "momenta(M, v).p", "momenta(M, x).p", "units-argument", "v of momenta must be in m/s"),
+    ("coupled", "momenta(M, v).p", "momenta(v, v).p", "units-argument", "M of momenta must be in kg"),
+    ("lines", "ys[1] + sum(d", "ys + sum(d", "list-length", "in lines, `y = ys + sum"),
+    ("lines", "count: n, doc: values", "doc: values", "list-index", "'ys' is a number, it has no elements"),
+    ("lines", "x - xs[i]", "x - xs[i + n]", "list-index", "'xs[4]' is no element of xs, which has 3"),
+    ("lines", "ys[2..n] -", "ys[3..n] -", "list-length", "in lines, `d = ys[3..n]"),
+    ("lines", "count: n, doc: points", "count: n + 1, doc: points", "count-bad", "is a name or a whole number"),
+    ("momenta", "N*s, count: n", "N*s, count: m", "count-bad", "depends on m, which no input tells"),
+    ("momenta", "N*s, count: n", "N*s", "list-number", "the output p is declared as a number"),
+    ("momenta", "count: [n, n]", "count: [v, v]", "name-twice", "'v' is a length and an input")])
+def test_mistakes_in_functions_of_lists(tmp_path: Path, file: str, old: str, new: str, code: str, said: str) -> None:
+    with pytest.raises(HeavebondError) as caught:
+        hb.assemble(hb.load(swung(tmp_path, **{file: (old, new)})))
+    assert code in [p.code for p in caught.value.problems], str(caught.value)
+    assert said in str(caught.value), str(caught.value)

@@ -227,3 +227,24 @@ nodes: {bonds: [spring.a, mass.a]}
 """))
     assert caught.value.problems[0].code == "parameter-varies"
     assert "MCField" in caught.value.problems[0].hint
+
+
+@pytest.mark.parametrize(("part", "other", "name"), [
+    ("MCField, K_0: [[5 W/s, 0 W/s], [0 W/s, 3 W/s]], K_1: [[1 W/s**2, 0 W/s**2], [0 W/s**2, 0 W/s**2]]",
+     "IField, n: 2, M: [[3 W*s, 0 W*s], [0 W*s, 3 W*s]]", "semidefinite_matrix"),
+    ("MIField, M_0: [[5 W*s, 0 W*s], [0 W*s, 3 W*s]], M_1: [[1 W, 0 W], [0 W, 0 W]]",
+     "CField, n: 2, K: [[3 W/s, 0 W/s], [0 W/s, 3 W/s]]", "definite_matrix")])
+def test_a_modulated_store_whose_matrix_becomes_indefinite_is_told(part: str, other: str, name: str) -> None:
+    """x = -t**2/(1 s): 5 + x is below zero from sqrt(5) s on."""
+    text = f"""\
+model: indefinite
+components: {{part: {{is: {part}}}, other: {{is: {other}}}, drive: {{is: Sf, u: "=2*time/1 s"}}}}
+nodes: {{bonds: [part.a, other.a], slide: [drive.a, part.m]}}
+simulate: {{until: 3 s}}
+"""
+    with pytest.warns(hb.RunWarning, match=f"part.{name} goes to 0"):
+        verdict = hb.simulate(hb.loads(text)).verdict
+    (found,) = verdict.findings
+    assert (found.kind, found.part) == ("range", "part")
+    assert found.time == pytest.approx(5**0.5, abs=0.003)  # of the next output point
+    assert not hb.simulate(hb.loads(text.replace("until: 3 s", "until: 2 s"))).verdict.findings

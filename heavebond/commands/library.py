@@ -122,7 +122,7 @@ def _show_function(function: Function) -> dict[str, object]:
     for title, group in groups.items():
         if group:
             console.print(f"\n{title}", style="bold")
-            rows = [(q.name, q.unit.text, *([number(q.value)] if q.value is not None else []), q.doc)
+            rows = [(q.name, q.unit.text, *([number(q.value)] if q.value is not None else []), q.description)
                     for q in group.values()]
             for line in columns(rows, console.width):
                 console.print(line.rstrip(), soft_wrap=True)

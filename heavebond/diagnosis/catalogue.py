@@ -24,9 +24,10 @@ from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment
 from heavebond.language.definition import Component, Effect, FileInput, Parameter, SearchRange
 from heavebond.language.effects import check_replacing
-from heavebond.language.lists import whole_number, written_out
+from heavebond.language.lists import written_out
 from heavebond.numerics.dae import Assembly
 from heavebond.text.expression import parse_formula
+from heavebond.text.shapes import whole_number
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from collections.abc import Callable, Container, Mapping
 from dataclasses import replace
 
 from heavebond.language.definition import Component, FileInput, Value
-from heavebond.language.lists import whole_number
 from heavebond.language.sections import NamedOutput
 from heavebond.text.expression import Expr, ExpressionProblem, Name, Number, Slice, parse_formula
+from heavebond.text.shapes import whole_number
 
 
 def by_elements(settings: Mapping[str, Value | FileInput], component: Component) -> dict[str, Value | FileInput]:

@@ -11,11 +11,12 @@ from heavebond.equations.arrays import array_text, by_elements, part_of, shared,
 from heavebond.equations.data_sheets import DataSheet, data_sheets, taken, whole
 from heavebond.equations.repetition import repeated
 from heavebond.language.definition import Body, Component, End, FileInput, Instance, Parameter, Port, SignalPort, Value
-from heavebond.language.lists import lengths, short, whole_number, written_out
+from heavebond.language.lists import lengths, short, written_out
 from heavebond.language.model import Model
 from heavebond.language.sections import Setting
 from heavebond.language.values import bounds_text, check_bounds, check_dimension
 from heavebond.text.expression import Number
+from heavebond.text.shapes import whole_number
 
 DEEPEST_BLOCK = 20
 

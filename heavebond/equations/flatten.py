@@ -31,12 +31,12 @@ from heavebond.equations.resolver import NOTHING_KNOWN, Bond, PlausibleRange, Re
 from heavebond.equations.time_conditions import check_steps, timed
 from heavebond.language.definition import Domain, FileInput, Member, Value
 from heavebond.language.incidence import Interval, classify
-from heavebond.language.lists import whole_number
 from heavebond.language.model import Model
 from heavebond.language.symbols import nonsmooth, split, stack
 from heavebond.language.template import LEVELS, Template, template
 from heavebond.language.values import add_formula_problem, check_dimension
 from heavebond.text.expression import Expr, ExpressionProblem, calling, constant, names, parse_formula
+from heavebond.text.shapes import whole_number
 
 SECOND = declared_unit("s").dimension
 Entries = list[tuple[int, int]]  # (column, kind); column = level * len(unknowns) + unknown

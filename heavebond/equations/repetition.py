@@ -8,7 +8,7 @@ from dataclasses import replace
 from heavebond.core.errors import Problems
 from heavebond.core.limits import OF_A_KIND
 from heavebond.language.definition import Body, Component, End, Instance, Value, Wire
-from heavebond.language.lists import whole_number
+from heavebond.text.shapes import whole_number
 
 
 def repeated(body: Body, numbers: Mapping[str, int], opened: Callable[[Instance], Component | None], problems: Problems

@@ -180,7 +180,7 @@ def component_file(known: Library) -> Schema:
 
 def function_file() -> Schema:
     """A function."""
-    quantity = _object({"unit": UNIT, "doc": TEXT}, ["unit"])
+    quantity = _object({"unit": UNIT, "doc": TEXT, "count": COUNT}, ["unit"])
     return _object({
         "function": _said("its name, in small letters with `_`", {"type": "string"}), "summary": _said("a sentence"),
         "restrictions": _said("what it leaves out"), "source": _said("where the law is from"),

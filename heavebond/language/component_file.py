@@ -29,7 +29,7 @@ from heavebond.language.extension import extension
 from heavebond.language.renamed_keys import present
 from heavebond.language.when import when_entries
 from heavebond.text.expression import Expr, Number, constant, parse_equation, parse_formula
-from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source
+from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
 
 T = TypeVar("T")
 COMPONENT_KEYS = (
@@ -172,26 +172,17 @@ class _Parser:
         doc = ""
         if entry is not None:
             doc = reading.text(entry.items.get("doc"), "doc", self.problems)
-            count, columns = self._count(entry)
+            count, columns = self._shape(entry)
             if columns is not None:
                 self.problems.add("count-bad", f"port '{key.text}' has one number, how many ports it is",
                                   entry.items["count"].place,
                                   hint="Write `count: n`; a matrix is a parameter, a variable or a signal.")
         ports[key.text] = Port(key.text, domain, key.place, doc, count)
 
-    def _count(self, node: Mapping) -> tuple[Expr | None, Expr | None]:
+    def _shape(self, node: Mapping) -> tuple[Expr | None, Expr | None]:
         """How many it is a list of, or the rows and columns of a matrix, by whole numbers."""
-        counted = node.items.get("count")
-        if counted is None:
-            return None, None
-        sizes = counted.items if isinstance(counted, Sequence) else [counted]
-        if len(sizes) > 2 or not sizes or not all(isinstance(size, Scalar) for size in sizes):
-            self.problems.add("count-bad", "`count:` is the length of a list, or rows and columns of a matrix",
-                              counted.place, hint="Write `count: n` or `count: [n, m]`.")
-            return None, None
-        read = [reading.parsed(lambda t: parse_formula(t, units=False), size.text, size.place, self.problems)
-                for size in sizes if isinstance(size, Scalar)]
-        return read[0], read[1] if len(read) == 2 else None
+        count, columns = (*reading.sizes(node, self.problems), None, None)[:2]
+        return count, columns
 
     def _signal(self, key: Scalar, node: Mapping) -> SignalPort:
         reading.known_keys(node, ("signal", "unit", "doc", "count"), f"signal '{key.text}'", self.problems, ("unit",))
@@ -201,7 +192,7 @@ class _Parser:
                               node.items["signal"].place, hint="Write `signal: in` or `signal: out`.")
         unit = reading.unit(node.items.get("unit"), self.problems) or DIMENSIONLESS
         return SignalPort(key.text, direction, unit, key.place,
-                          reading.text(node.items.get("doc"), "doc", self.problems), *self._count(node))
+                          reading.text(node.items.get("doc"), "doc", self.problems), *self._shape(node))
 
     def _parameter(self, key: Scalar, node: Mapping, variables: Dictionary[str, Variable]) -> Parameter:
         node = present(node, "parameter", self.problems)
@@ -217,7 +208,7 @@ class _Parser:
             if default is not None and not default.formula and not (unit and is_generic(unit.dimension)):
                 self._bound(node, "default", unit, key)
         bounds = {name: self._bound(node, name, unit, key) for name in ("min", "max", "neutral")}
-        count, columns = self._count(node)
+        count, columns = self._shape(node)
         return Parameter(key.text, unit or DIMENSIONLESS, key.place,
                          reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
                          default, bounds["neutral"], integer, reading.text(node.items.get("class"), "class", self.problems),
@@ -238,7 +229,7 @@ class _Parser:
         if "start" in node.items and "held" in node.items:
             self.problems.add("held-start", f"'{key.text}' has `start:` and `held:`", node.keys["start"].place,
                               hint="`held:` is the value that it starts at; leave `start:` out.")
-        count, columns = self._count(node)
+        count, columns = self._shape(node)
         return Variable(key.text, unit or DIMENSIONLESS, key.place,
                         reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
                         bounds["start"], bounds["held"], count, bounds["nominal"], columns)

@@ -9,6 +9,7 @@
       k = ...      # an output
 
 Every line gives one name, from inputs, constants and the names of the lines above it. Units are checked as in a component.
+An input or output with `count: n` is a list, with `count: [n, m]` a matrix; the lengths are those of a call's arguments.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from heavebond.text.expression import (
     names,
     parse_equation,
 )
+from heavebond.text.shapes import check_steps, whole_number
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
 
 FUNCTION_KEYS = ("function", "summary", "restrictions", "source", "inputs", "outputs", "constants", "equations")
@@ -101,7 +103,7 @@ class _Parser:
 
     def _quantity(self, key: Scalar, entry: Mapping, valued: bool) -> Quantity:
         needed = ("unit", "value") if valued else ("unit",)
-        reading.known_keys(entry, (*needed, "doc"), f"'{key.text}'", self.problems, needed)
+        reading.known_keys(entry, (*needed, "doc", *(() if valued else ("count",))), f"'{key.text}'", self.problems, needed)
         unit = reading.unit(entry.items.get("unit"), self.problems) or DIMENSIONLESS
         found = None
         if valued and "value" in entry.items:
@@ -116,7 +118,8 @@ class _Parser:
                 except UnitProblem as problem:
                     self.problems.add(problem.code, f"value of {key.text}: {problem.message}", value.place,
                                       hint=problem.hint)
-        return Quantity(key.text, unit, key.place, reading.text(entry.items.get("doc"), "doc", self.problems), found)
+        return Quantity(key.text, unit, key.place, reading.text(entry.items.get("doc"), "doc", self.problems), found,
+                        tuple(e for e in reading.sizes(entry, self.problems) if e is not None))
 
     def _steps(self, node: Node | None) -> tuple[Step, ...]:
         found = []
@@ -143,16 +146,20 @@ class _Checker:
     def check(self) -> None:
         function = self.function
         self._check_names_once()
-        self.units = {"pi": ONE, **{q.name: q.unit.dimension for group in (function.inputs, function.constants)
-                                    for q in group.values()}}
+        self._check_lengths()
+        self.units = {"pi": ONE, **dict.fromkeys(function.lengths, ONE)}
+        self.units |= {q.name: q.unit.dimension for group in (function.inputs, function.constants)
+                       for q in group.values()}
         for step in function.steps:
             self._step(step)
+        if not self.problems.found:
+            self._check_shapes()
         given = {step.name for step in function.steps}
         for output in function.outputs.values():
             if output.name not in given:
                 self._add("function-output", f"no line gives the output '{output.name}'", output.place,
                           f"Add `{output.name} = ...` under `equations:`.")
-        used = {name.text for step in function.steps for name in names(step.expr)}
+        used = {name.base for step in function.steps for name in names(step.expr)}
         for step in function.steps:
             if step.name not in used and step.name not in function.outputs:
                 self._add("function-unused", f"nothing uses '{step.name}', and it is no output", step.place,
@@ -167,6 +174,41 @@ class _Checker:
                     self._add("name-twice", f"'{name}' stands under {seen[name]} and under {what}", quantity.place,
                               "Give one of them another name.")
                 seen[name] = what
+
+    def _check_lengths(self) -> None:
+        """A length of an input is a name of its own or a whole number, one of an output follows from these."""
+        function, known = self.function, set(self.function.lengths)
+        for quantity in (*function.inputs.values(), *function.outputs.values()):
+            entry = quantity.name in function.inputs
+            for size in quantity.sizes:
+                inside = {name.text for name in names(size)}
+                if (entry and not isinstance(size, (Name, Number))) or whole_number(size, dict.fromkeys(known, 2)) is None:
+                    unknown = "" if entry else listing(sorted(inside - known))
+                    what = f"depends on {unknown}, which no input tells" if unknown else "is a name or a whole number"
+                    self._add("count-bad", f"the length of '{quantity.name}' {what}", quantity.place,
+                              f"Known: {listing(sorted(known))}." if unknown and known else "Write `count: n` or "
+                              "`count: 3`.")
+        for name in known & {*function.inputs, *function.outputs, *function.constants}:
+            self._add("name-twice", f"'{name}' is a length and an input, output or constant", function.place,
+                      "Give one of them another name.")
+
+    def _check_shapes(self) -> None:
+        """Which names are numbers, lists and matrices; whole numbers are those of each call."""
+        for step in self.function.steps:
+            for name in names(step.expr):
+                place = step.place.moved(name.column, name.length)
+                if name.base != name.text and not self._listed(name.base):
+                    self._add("list-index", f"'{name.base}' is a number, it has no elements", place,
+                              f"Declare it with `count: n`: `{name.base}: {{unit: ..., count: n, doc: ...}}`.")
+        if not self.problems.found:
+            try:
+                check_steps(self.function, {}, 0, exact=False)
+            except ExpressionProblem as problem:
+                self._add(problem.code, problem.message, self.function.place, problem.hint)
+
+    def _listed(self, name: str) -> bool:
+        quantity = self.function.inputs.get(name)
+        return bool(quantity.sizes) if quantity is not None else name not in self.function.constants
 
     def _step(self, step: Step) -> None:
         if step.name in self.units:
@@ -188,8 +230,8 @@ class _Checker:
 
     def _lookup(self, step: Step) -> Callable[[Name], Dimension | None]:
         def lookup(name: Name) -> Dimension | None:
-            if name.text in self.units:
-                return self.units[name.text]
+            if name.base in self.units:
+                return self.units[name.base]
             later = any(other.name == name.text for other in self.function.steps)
             hint = f"Move the line of '{name.text}' above this one." if later else \
                 suggest(name.text, self.units) or f"Known here: {listing(self.units)}."

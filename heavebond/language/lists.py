@@ -6,28 +6,13 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import lru_cache
-from math import isfinite
 from typing import TypeVar
 
 from heavebond.language.definition import Component, Parameter, SignalPort, Variable
-from heavebond.text.expression import Binary, Expr, Name, constant
+from heavebond.text.expression import Expr, Name
+from heavebond.text.shapes import whole_number
 
 Item = TypeVar("Item", Parameter, Variable, SignalPort)
-
-
-def whole_number(expr: Expr, known: Mapping[str, int]) -> int | None:
-    """The value of an expression of whole numbers and known names, or None."""
-    if isinstance(expr, Name):
-        return known.get(expr.text)
-    number = constant(expr)
-    if number is not None:
-        return int(number) if isfinite(number) and number == int(number) else None
-    if not isinstance(expr, Binary):
-        return None
-    a, b = whole_number(expr.left, known), whole_number(expr.right, known)
-    if a is None or b is None:
-        return None
-    return {"+": a + b, "-": a - b, "*": a * b}.get(expr.op)
 
 
 def has_lists(component: Component) -> bool:

@@ -257,6 +257,20 @@ def formula_of(node: Node, what: str, problems: Problems) -> Formula | None:
     return Formula(tree, node.text, place) if tree is not None else None
 
 
+def sizes(node: Mapping, problems: Problems) -> tuple[Expr | None, ...]:
+    """What stands under `count:`, the length of a list or rows and columns of a matrix; empty where nothing does."""
+    counted = node.items.get("count")
+    if counted is None:
+        return ()
+    found = counted.items if isinstance(counted, Sequence) else [counted]
+    if len(found) > 2 or not found or not all(isinstance(size, Scalar) for size in found):
+        problems.add("count-bad", "`count:` is the length of a list, or rows and columns of a matrix", counted.place,
+                     hint="Write `count: n` or `count: [n, m]`.")
+        return ()
+    return tuple(parsed(lambda t: parse_formula(t, units=False), size.text, size.place, problems)
+                 for size in found if isinstance(size, Scalar))
+
+
 def body(node: Mapping, source: Source, problems: Problems) -> Body:
     """`components:` and `nodes:` of a diagram or a block."""
     instances: dict[str, Instance] = {}

@@ -227,7 +227,8 @@ def _matrix_property(name: str, given: ca.SX, expr: Call) -> ca.SX:
 def _function_call(expr: FunctionCall, context: Context) -> ca.SX:
     """The output of a function, written out: what follows differentiates through it. Outputs of one call share its steps."""
     args = [evaluate(arg, context) for arg in expr.args]
-    key = (str(expr.function.path) + expr.function.name, tuple(arg.element_hash() for arg in args))
+    key = (str(expr.function.path) + expr.function.name,
+           tuple(e.element_hash() for arg in args for e in split(ca.vec(ca.densify(arg)))))
     if key not in context.called:
         context.called[key] = args, stepwise(expr.function, args)
     return context.called[key][1][expr.output]
@@ -238,10 +239,33 @@ def stepwise(function: Function, args: Iterable[ca.SX]) -> dict[str, ca.SX]:
     values = dict(zip(function.inputs, args, strict=True))
     values.update({name: ca.SX(constant.value or 0.0) for name, constant in function.constants.items()})
     # its file was checked: it calls no der, and knows every name
-    context = Context(lambda text, name: values[text], lambda expression: expression)
+    context = Context(lambda text, name: _element(values, text, name), lambda expression: expression,
+                      _sizes(function, values))
     for step in function.steps:
         values[step.name] = evaluate(step.expr, context)
     return values
+
+
+def _sizes(function: Function, values: Mapping[str, ca.SX]) -> dict[str, int]:
+    """The whole numbers that the lengths of the arguments tell."""
+    found: dict[str, int] = {}
+    for name, quantity in function.inputs.items():
+        shape = (values[name].numel(),) if len(quantity.sizes) == 1 else values[name].shape
+        found.update({size.text: n for size, n in zip(quantity.sizes, shape, strict=False) if isinstance(size, Name)})
+    return found
+
+
+def _element(values: Mapping[str, ca.SX], text: str, name: Name) -> ca.SX:
+    """A name inside a function, or an element of it: `x`, `x[2]`, `K[1][2]`."""
+    base, bracket, indices = text.partition("[")
+    if not bracket:
+        return values[base]
+    found, places = values[base], [int(k) - 1 for k in indices[:-1].split("][")]
+    if any(not 0 <= k < n for k, n in zip(places, found.shape, strict=False)):
+        raise ExpressionProblem("list-index", f"'{text}' is no element of {base}, which has {found.shape[0]}"
+                                + f" x {found.shape[1]}" * (len(places) > 1), name.column, name.length,
+                                "An index counts from 1.")
+    return found[places[0]] if len(places) == 1 else found[places[0], places[1]]
 
 
 def _sum_over(expr: SumOver, context: Context) -> ca.SX:
@@ -288,10 +312,14 @@ def _kink_inside(call: FunctionCall, constants: Callable[[str], bool]) -> str | 
     """The first kink in something that varies, in the steps on which the output of a call depends."""
     function = call.function
     moving = {name for name, arg in zip(function.inputs, call.args, strict=True) if varies(arg, constants)}
+
+    def still(text: str) -> bool:
+        return text.partition("[")[0] not in moving
+
     for step in function.needed(call.output):
-        if found := nonsmooth(step.expr, lambda text: text not in moving):
+        if found := nonsmooth(step.expr, still):
             return found
-        if varies(step.expr, lambda text: text not in moving):
+        if varies(step.expr, still):
             moving.add(step.name)
     return None
 

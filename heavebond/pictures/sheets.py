@@ -10,9 +10,9 @@ from heavebond.core.presentation import readable, unit_label
 from heavebond.equations.connect import Network
 from heavebond.equations.expand import Expanded, Leaf
 from heavebond.language.definition import Body, Component, FileInput, Value
-from heavebond.language.lists import whole_number
 from heavebond.pictures.text_metrics import shortened
 from heavebond.text.expression import Number, names
+from heavebond.text.shapes import whole_number
 
 NODE = "node "  # before the path of a node, where components and ports could be meant as well
 LONGEST_VALUE = 30  # characters

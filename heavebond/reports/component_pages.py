@@ -87,7 +87,7 @@ def _function_index(functions: Sequence[Function]) -> str:
 def _function_page(function: Function, callers: Sequence[Component], root: Path) -> str:
     own = {step.name for step in function.steps} | {*function.inputs, *function.constants}
     steps = [f"{equation_tex(Equation(Name((s.name,), 0, 0), s.expr), own)} && {text_tex(s.label)}" for s in function.steps]
-    inputs, outputs = ([(f"`{q.name}`", f"${symbol_tex(q.name)}$", _unit(q.unit.text), _prose(q.doc))
+    inputs, outputs = ([(f"`{q.name}`", f"${symbol_tex(q.name)}$", _unit(q.unit.text), _prose(q.description))
                         for q in group.values()] for group in (function.inputs, function.outputs))
     constants = [(f"`{q.name}`", f"${symbol_tex(q.name)}$", _unit(q.unit.text), number(q.value or 0.0), _prose(q.doc))
                  for q in function.constants.values()]

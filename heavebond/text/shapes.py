@@ -8,7 +8,8 @@ element by element with `each`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from math import isfinite
 
 from heavebond.text.expression import (
     Binary,
@@ -17,20 +18,38 @@ from heavebond.text.expression import (
     Equation,
     Expr,
     ExpressionProblem,
+    Function,
     FunctionCall,
     Logic,
     Name,
     Negative,
     Not,
     Number,
+    Quantity,
     Slice,
     SumOver,
+    constant,
 )
 
 Shape = int | tuple[int, int] | None  # number of elements of a vector, rows and columns of a matrix, None for a number
 Length = Callable[[Name], Shape]
 ELEMENTS = "Write an index, as in `x[1]`, or `each i in 1..n:` for an equation of every element."
 SQUARE = ("symmetric", "definite", "semidefinite")
+
+
+def whole_number(expr: Expr, known: Mapping[str, int]) -> int | None:
+    """The value of an expression of whole numbers and known names, or None."""
+    if isinstance(expr, Name):
+        return known.get(expr.text)
+    number = constant(expr)
+    if number is not None:
+        return int(number) if isfinite(number) and number == int(number) else None
+    if not isinstance(expr, Binary):
+        return None
+    a, b = whole_number(expr.left, known), whole_number(expr.right, known)
+    if a is None or b is None:
+        return None
+    return {"+": a + b, "-": a - b, "*": a * b}.get(expr.op)
 
 
 def elements(shape: Shape) -> int:
@@ -86,9 +105,7 @@ class Lengths:
         if isinstance(expr, Call):
             return self._call(expr)
         if isinstance(expr, FunctionCall):
-            for arg, name in zip(expr.args, expr.function.inputs, strict=True):
-                self.number(arg, f"{name} of {expr.function.name}")
-            return None
+            return self._function(expr)
         if isinstance(expr, SumOver):
             return self.of(expr.body)
         if isinstance(expr, (Compare, Logic)):
@@ -156,6 +173,34 @@ class Lengths:
             self.number(arg, f"the argument of {name}")
         return None
 
+    def _function(self, expr: FunctionCall) -> Shape:
+        """The output of a function, once its arguments have the shapes of its inputs."""
+        function, shapes = expr.function, [self.of(arg) for arg in expr.args]
+        sizes: dict[str, int] = {}
+        for arg, shape, wanted in zip(expr.args, shapes, function.inputs.values(), strict=True):
+            what = f"{wanted.name} of {function.name}"
+            if not wanted.sizes:
+                self.number(arg, what)
+            elif len(wanted.sizes) != (0 if shape is None else 1 if isinstance(shape, int) else 2):
+                raise ExpressionProblem("list-number", f"{what} is a {'list' if len(wanted.sizes) == 1 else 'matrix'}; this "
+                                        f"is {shape_text(shape, self.exact)}", _start(arg), hint=wanted.doc)
+            else:
+                self._told(what, shape, wanted.sizes, sizes, _start(arg))
+        if self.exact:
+            check_steps(function, sizes, expr.column, exact=True)
+        return declared(function.outputs[expr.output], sizes)
+
+    def _told(self, what: str, shape: Shape, wanted: tuple[Expr, ...], sizes: dict[str, int], column: int) -> None:
+        """The lengths that an argument tells; ExpressionProblem where another one told others."""
+        for size, expr in zip((shape,) if isinstance(shape, int) else shape or (), wanted, strict=True):
+            known = whole_number(expr, sizes)
+            if known is None and isinstance(expr, Name):
+                sizes[expr.text] = size
+            elif known != size and self.exact:
+                length = f"{expr.text} = {known}" if isinstance(expr, Name) else f"{known}"
+                raise ExpressionProblem("list-length", f"{what} has the length {length}; this is {shape_text(shape)}",
+                                        column, hint="Lists of one length are needed; `x[1..3]` is a part of one.")
+
     def _square(self, expr: Call, shape: Shape) -> None:
         """A square matrix, or its rows one after the other in a list."""
         if shape is None or (self.exact and isinstance(shape, tuple) and shape[0] != shape[1]):
@@ -201,3 +246,35 @@ def shape_text(shape: Shape, exact: bool = True) -> str:
 
 def _start(expr: Expr) -> int:
     return _start(expr.left) if isinstance(expr, (Binary, Compare, Logic)) else expr.column
+
+
+def declared(quantity: Quantity, sizes: Mapping[str, int]) -> Shape:
+    """The shape of a quantity of a function; what is not known counts as 1."""
+    found = [whole_number(size, sizes) or 1 for size in quantity.sizes]
+    return None if not found else found[0] if len(found) == 1 else (found[0], found[1])
+
+
+def check_steps(function: Function, sizes: Mapping[str, int], column: int, *, exact: bool) -> dict[str, Shape]:
+    """The shape of every name in a function whose lengths are known; ExpressionProblem, at a column of the call, where those
+    in a step do not fit, or where an output is not as it is declared."""
+    shapes: dict[str, Shape] = {q.name: declared(q, sizes) for q in function.inputs.values()}
+
+    def number(expr: Expr) -> int:
+        return whole_number(expr, sizes) or 1
+
+    def length(name: Name) -> Shape:
+        return indexed(shapes.get(name.base), name, lambda part: max(number(part.high) - number(part.low) + 1, 1))
+
+    for step in function.steps:
+        try:
+            shapes[step.name] = found = Lengths(length, exact=exact).of(step.expr)
+        except ExpressionProblem as problem:
+            raise ExpressionProblem(problem.code, f"in {function.name}, `{step.text.strip()}`: {problem.message}", column,
+                                    len(function.name), problem.hint) from None
+        output = function.outputs.get(step.name)
+        wanted = declared(output, sizes) if output is not None else found
+        if output is not None and (found != wanted if exact else type(found) is not type(wanted)):
+            raise ExpressionProblem("list-number", f"in {function.name}, the output {output.name} is declared as "
+                                    f"{shape_text(wanted, exact)}; `{step.text.strip()}` gives {shape_text(found, exact)}",
+                                    column, len(function.name), "Declare its length, `count: n`." if wanted is None else "")
+    return shapes

@@ -32,6 +32,11 @@ class Name:
     length: int
 
     @property
+    def base(self) -> str:
+        """The name without what follows it: `x` of `x[2]`."""
+        return self.text.partition("[")[0]
+
+    @property
     def text(self) -> str:
         """`a.x`, or `p[2].effort` where every index is a number."""
         words: list[str] = []
@@ -140,14 +145,21 @@ class Equation:
 
 @dataclass(frozen=True)
 class Quantity:
-    """An input, an output or a constant of a function; its unit may be one that each call solves (`$U`). `value`: that of
-    a constant, in SI."""
+    """An input, an output or a constant of a function; its unit may be one that each call solves (`$U`). `sizes`: the length
+    of a list, or rows and columns of a matrix; a name among those of an input is a whole number that each call tells.
+    `value`: that of a constant, in SI."""
 
     name: str
     unit: Unit
     place: Place
     doc: str = ""
     value: float | None = None
+    sizes: tuple[Expr, ...] = ()
+
+    @property
+    def description(self) -> str:
+        """What it is, for readers."""
+        return ("", "list; ", "matrix; ")[len(self.sizes)] + self.doc
 
 
 @dataclass(frozen=True)
@@ -182,13 +194,18 @@ class Function:
         output = f".{next(iter(self.outputs))}" if len(self.outputs) > 1 else ""
         return f"{self.name}({', '.join(self.inputs)}){output}"
 
+    @property
+    def lengths(self) -> list[str]:
+        """The whole numbers that a call tells, by the lengths of its arguments."""
+        return list(dict.fromkeys(size.text for q in self.inputs.values() for size in q.sizes if isinstance(size, Name)))
+
     def needed(self, output: str) -> tuple[Step, ...]:
         """The steps that an output depends on, in their order."""
         wanted, found = {output}, list[Step]()
         for step in reversed(self.steps):
             if step.name in wanted:
                 found.append(step)
-                wanted |= {name.text for name in names(step.expr)}
+                wanted |= {name.base for name in names(step.expr)}
         return tuple(reversed(found))
 
 
@@ -213,7 +230,7 @@ def inside(call: FunctionCall) -> Iterator[Expr]:
 def _put_in(expr: Expr, values: Mapping[str, Expr]) -> Expr:
     """An expression with others for some of its names."""
     if isinstance(expr, Name):
-        return values.get(expr.text, expr)
+        return values.get(expr.text, values.get(expr.base, expr))
     if isinstance(expr, (Call, FunctionCall)):
         return replace(expr, args=tuple(_put_in(arg, values) for arg in expr.args))
     if isinstance(expr, (Binary, Compare, Logic)):
