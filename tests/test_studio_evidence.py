@@ -253,10 +253,13 @@ def test_the_page_has_the_figures_of_compare(rig: Path) -> None:
     for row in told["items"][0]["rows"]:  # type: ignore[index]
         assert " ".join(cell for cell in row if cell) in printed
     channel = compare(rig / "measured.yaml").records["tuesday"].channels["load.x"]
-    _, rows = evidence.channel(job, "tuesday", "load.x")
-    assert np.array_equal(rows[:4], [channel.time, channel.measured, channel.model, channel.measured - channel.model])
+    told, rows = evidence.channel(job, "tuesday", "load.x")
+    assert told["unit"] == "mm" and np.array_equal(rows[0], channel.time)  # drawn in the unit of the table
+    expected = [channel.measured, channel.model, channel.measured - channel.model]
+    assert np.allclose(rows[1:4] / 1e3, expected, rtol=1e-14, atol=0)
     told, rows = evidence.against(job, "tuesday", "load.x", "load.v")
-    assert np.array_equal(rows[1], channel.measured - channel.model) and told == {"unit": "m", "across": "m/s"}
+    assert np.allclose(rows[1] / 1e3, channel.measured - channel.model, rtol=1e-14, atol=0)
+    assert told == {"unit": "mm", "across": "m/s"}
     assert evidence.compare(_job(rig, damper__d="300 N*s/m"))[0]["records"] != told  # as by --set
     told, rows = evidence.against(job, "tuesday", "load.x", "load.v - deck.v")
     assert told["across"] == "m/s" and np.ptp(rows[0]) > 0.05

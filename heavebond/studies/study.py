@@ -196,7 +196,12 @@ def load_study(name: str | Path) -> Study:
 
     Raises UsageError where there is no such file, ModelError with the lines that are wrong.
     """
-    source, problems = read(find(name, "study")), Problems()
+    return study_from_source(read(find(name, "study")))
+
+
+def study_from_source(source: Source) -> Study:
+    """A study from its source; ModelError with the lines that are wrong."""
+    problems = Problems()
     source = replace(source, root=present(source.root, "study", problems))
     root = source.root
     if "study" not in root.items:

@@ -29,6 +29,7 @@ from heavebond.numerics.simulator import grid
 from heavebond.pictures.animation import packed
 from heavebond.pictures.drawing import draw_expanded, symbol_picture
 from heavebond.pictures.motion import animate
+from heavebond.studies.study import study_from_source
 from heavebond.studio.animation import animation, modes
 from heavebond.studio.blocks import Block, is_block, read_block
 from heavebond.studio.contents import (
@@ -74,7 +75,7 @@ def dependencies(model: Model, path: Path) -> list[Path]:
 def view(job: Job, opened: Sequence[str] = ()) -> Entry:
     """The drawing and the contents of a diagram, with the problems that `heavebond check` finds; as far as it goes."""
     problems, found, parts = Problems(), Entry(), dict[str, tuple[int, int]]()
-    experiment = None
+    experiment = study = None
     try:
         source = parse(job.text, Path(job.path), job.name)
         parts = part_lines(source.root)
@@ -85,7 +86,11 @@ def view(job: Job, opened: Sequence[str] = ()) -> Entry:
             found["evidence"] = True
             experiment = experiment_from_source(source)
             found["experiment"] = experiment_entry(experiment)
-        model = experiment.model if experiment is not None else from_source(source)
+        elif "study" in source.root.items:
+            found["study"] = {"name": "", "summary": ""}
+            study = study_from_source(source)
+            found["study"] = {"name": study.name, "summary": study.summary, "cases": len(study.cases)}
+        model = experiment.model if experiment is not None else study.model if study is not None else from_source(source)
         files = [*dependencies(model, Path(job.path)), *(files_of(experiment) if experiment is not None else [])]
         found["files"] = [str(p) for p in dict.fromkeys(files) if p.resolve() != Path(job.path).resolve()]
         expanded, faults = expand_as_far(model)

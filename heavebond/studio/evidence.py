@@ -92,17 +92,19 @@ class Evidence:
                 "advice": list(comparison.advice), "verdicts": verdicts, "variables": _variables(comparison)}, None
 
     def channel(self, job: Job, record: str, name: str) -> tuple[Entry, Array]:
-        """Of a channel its times in s, measured values, model, residual (measured - model) in its unit, and which samples
-        count (1 fitted, 2 held out, 0 left out)."""
+        """Of a channel its times in s, measured values, model, residual (measured - model) in a unit that reads well,
+        and which samples count (1 fitted, 2 held out, 0 left out)."""
         found, channel = self._channel(job, record, name)
         counts = channel.counts.astype(float)
         held = found.validate.channels.get(name) if found.validate is not None else None
         if held is not None:
             counts = np.where(held.counts, 2.0, counts)
-        rows = np.vstack([channel.time, channel.measured, channel.model, channel.measured - channel.model, counts])
+        shown, scale = _drawn_unit(channel)
+        rows = np.vstack([channel.time, *(scale * row for row in (
+            channel.measured, channel.model, channel.measured - channel.model)), counts])
         largest = max(channel.error, channel.noise)
         rms, noise = (readable(v, channel.unit, 3, beside=largest) for v in (channel.error, channel.noise))
-        return {"unit": channel.unit, "noise": channel.noise, "rms": rms, "noise_words": noise}, rows
+        return {"unit": shown, "noise": scale * channel.noise, "rms": rms, "noise_words": noise}, rows
 
     def against(self, job: Job, record: str, name: str, signal: str) -> tuple[Entry, Array]:
         """The residual of a channel over a signal of the run at the same instants, those that count in any way."""
@@ -116,8 +118,9 @@ class Evidence:
         counts = channel.counts | (found.validate.channels[name].counts if found.validate is not None
                                    and name in found.validate.channels else False)
         rising = np.gradient(x) > 0 if len(x) > 1 else np.zeros(len(x), dtype=bool)
-        rows = np.vstack([x, channel.measured - channel.model, rising.astype(float)])[:, counts]
-        return {"unit": channel.unit, "across": shown}, rows
+        residual, scale = _drawn_unit(channel)
+        rows = np.vstack([x, scale * (channel.measured - channel.model), rising.astype(float)])[:, counts]
+        return {"unit": residual, "across": shown}, rows
 
     def _channel(self, job: Job, record: str, name: str) -> tuple[Any, Channel]:
         found = self._comparison(job).records[record]
@@ -132,6 +135,12 @@ class Evidence:
                 warnings.simplefilter("ignore")  # the page shows the verdicts itself
                 self._kept = (key, compare(experiment))
         return self._kept[1]
+
+
+def _drawn_unit(channel: Channel) -> tuple[str, float]:
+    """The unit in which a channel is drawn, and the factor from its own unit."""
+    shown = readable_unit(channel.unit, float(np.max(np.abs(channel.measured), initial=0.0)))
+    return shown, 1.0 if shown == channel.unit else read_unit(channel.unit).scale / read_unit(shown).scale
 
 
 def _unit_of(assembly: Assembly, signal: str) -> str:

@@ -19,6 +19,8 @@ from heavebond.text.yaml_source import Scalar, read, read_text
 
 BUNDLED = "bundled:"  # before the name of a machine that comes with heavebond
 LISTED, DEPTH = 500, 4  # files of the folder that the first page lists, and how deep it looks for them
+KINDS = ("study", "experiment", "model", "component")  # of files; an experiment and a study name their model as well
+SUMMARY = re.compile(r"^summary:[ \t]*(?:[>|][-+]?[ \t]*\n)?(.*(?:\n[ \t]+.*)*)", re.MULTILINE)
 BOM = b"\xef\xbb\xbf"
 NEW = """\
 model: NAME
@@ -166,8 +168,8 @@ class Folder:
         return self.create(name, "\n".join(lines) + "\n")
 
     def diagrams(self) -> list[dict[str, str]]:
-        """The diagrams and experiments below the folder, by name, with their `kind`; without links out of it and hidden
-        folders."""
+        """The files of the language below the folder, by name, with their `kind` and `summary`; without links out of it and
+        hidden folders."""
         found, root = [], self.root.resolve()
         for folder, folders, files in os.walk(root):
             here = Path(folder)
@@ -175,22 +177,23 @@ class Folder:
             folders[:] = sorted(d for d in folders if not d.startswith((".", "__")) and deep + 1 < DEPTH)
             for name in sorted(files):
                 relative = (here / name).relative_to(root).as_posix()
-                if name.endswith((".yaml", ".yml")) and not name.startswith(".") and (kind := self._kind(relative)):
-                    found.append({"name": relative, "kind": kind})
+                if name.endswith((".yaml", ".yml")) and not name.startswith(".") and (said := self._head(relative)):
+                    found.append({"name": relative, **said})
                 if len(found) >= LISTED:
                     return found
         return found
 
-    def _kind(self, name: str) -> str:
-        """`model`, `experiment`, `study` or `component` as a file begins, as far as can be told without reading all of it;
-        else empty."""
+    def _head(self, name: str) -> dict[str, str]:
+        """The `kind` (`model`, `experiment`, `study` or `component`) and the `summary` of a file as it begins, as far as can
+        be told without reading all of it; nothing for another file."""
         try:
             with open(self.path(name), encoding="utf-8", errors="replace") as file:
                 head = file.read(4000)
         except (OSError, HeavebondError):
-            return ""
-        kinds = ("study", "experiment", "model", "component")
-        return next((kind for kind in kinds if re.search(rf"^{kind}\s*:", head, re.MULTILINE)), "")
+            return {}
+        kind = next((kind for kind in KINDS if re.search(rf"^{kind}\s*:", head, re.MULTILINE)), "")
+        said = SUMMARY.search(head)
+        return {"kind": kind, "summary": " ".join(said.group(1).split()).strip("'\"") if said else ""} if kind else {}
 
 
 def _plain_or_quoted(value: str) -> str:

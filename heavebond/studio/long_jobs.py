@@ -18,7 +18,7 @@ from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.studio.contents import Entry
 from heavebond.studio.job_process import QUIT, STOP, WRITE, serve
 
-KINDS = ("fit", "where", "diagnose", "try", "tune")  # of computations
+KINDS = ("fit", "where", "diagnose", "try", "tune", "study")  # of computations
 KEPT = 3  # processes of computations that are done, kept with their results until they are written
 GRACE = 2.0  # s that a process has to end when the studio does
 COUNTED = re.compile(r"\b([0-9]+) of ([0-9]+)\b")

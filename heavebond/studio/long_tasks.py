@@ -11,11 +11,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from heavebond.core.cancellation import ENDED_EARLY
+from heavebond.core.cancellation import ENDED_EARLY, clear_signal
+from heavebond.core.errors import HeavebondError
 from heavebond.core.presentation import readable_unit
+from heavebond.core.quoting import file_stem
 from heavebond.core.units import read_unit
+from heavebond.core.writable import write_text
 from heavebond.diagnosis.attempt import attempt
-from heavebond.diagnosis.diagnosis import diagnose
+from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
 from heavebond.diagnosis.diagnosis_files import Targets, write_findings
 from heavebond.diagnosis.ladder import AddedEffect
 from heavebond.diagnosis.ranking import entries
@@ -158,7 +161,21 @@ def diagnosed(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
               if e.trial is not None and e.candidate.label not in chosen][:ALTERNATIVES]
     return _result("diagnose", diagnosis_items(found), found.as_dict(), found.partial, adds=adds, others=others,
                    ladder=[rung_entry(r.as_dict()) for r in found.ladder], verdict=found.verdict), {}, \
-        lambda asked: _write_added(experiment, added[:int(asked.get("count", len(added)))], _folder(path, given))
+        lambda asked: [_write_report(found, _folder(path, given))] if asked.get("report") else \
+        _write_added(experiment, added[:int(asked.get("count", len(added)))], _folder(path, given))
+
+
+def _write_report(found: Diagnosis, folder: Path) -> Path:
+    """The report that `heavebond diagnose` writes, without the files of what was found."""
+    from heavebond.reports.report import report
+
+    target = Targets.beside(found.experiment, folder).report
+    try:
+        places = None if found.partial else localize(found.experiment)
+    except HeavebondError:
+        places = None  # the records do not tell it; the report stands without it
+    write_text(target, report(found, places))
+    return target
 
 
 def tried(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
@@ -213,5 +230,25 @@ def tuned(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
                    adds=[{"label": "the tuned values"}]), {}, write_tuned
 
 
+# -- study ---------------------------------------------------------------------------------------------------------------
+def studied(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
+    """As `heavebond study`, which leaves its cases, tables and pictures in a folder of its name."""
+    from heavebond.reports.study_tables import study_items, write_study
+    from heavebond.studies.campaign import run_study
+    from heavebond.studies.study import load_study
+    from heavebond.studies.tables import as_dict
+
+    folder = _folder(path, given) / path.stem
+    result = run_study(load_study(path), folder=folder, progress=job.progress)
+    clear_signal()  # a stop has ended the cases; what is done is told
+    files = write_study(result, folder)
+    pictures = {p.stem: p.read_text(encoding="utf-8") for p in files if p.suffix == ".svg"}
+    titles = {file_stem(p.name): p.title or p.name for p in result.study.pictures}
+    items = [*study_items(result), *([] if result.complete else [Line(
+        f"stopped with {len(result.outcomes)} of {result.jobs} cases done; run it again to go on", True)])]
+    return _result("study", items, as_dict(result), False, folder=folder.name, files=[p.name for p in files],
+                   pictures=[{"title": titles.get(k, k), "svg": svg} for k, svg in pictures.items()]), {}, None
+
+
 TASKS: dict[str, Callable[[Path, Mapping[str, Any], Teller], Done]] = {
-    "fit": fitted, "where": localized, "diagnose": diagnosed, "try": tried, "tune": tuned}
+    "fit": fitted, "where": localized, "diagnose": diagnosed, "try": tried, "tune": tuned, "study": studied}

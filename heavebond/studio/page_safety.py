@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 HOSTS = ("127.0.0.1", "localhost")
+# of a page in the opened folder: what it shows is in it, and its script reaches nothing
+ALONE = ("sandbox allow-scripts; default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:; "
+         "base-uri 'none'; form-action 'none'; frame-ancestors 'none'")
 
 
 def new_token() -> str:

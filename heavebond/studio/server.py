@@ -23,7 +23,7 @@ from heavebond.core.limits import FILE_BYTES
 from heavebond.studio import evidence_requests, file_requests, run_requests
 from heavebond.studio.folder import Folder
 from heavebond.studio.long_jobs import LongJobs
-from heavebond.studio.page_safety import Guard, new_token, policy
+from heavebond.studio.page_safety import ALONE, Guard, new_token, policy
 from heavebond.studio.record_upload import store
 from heavebond.studio.tab import Handler, Tab
 
@@ -51,6 +51,7 @@ class Studio:
         """The application, behind its guard."""
         routes = [Route(f"/{self.token}/", self._index),
                   Route(f"/{self.token}/records", self._record, methods=["POST"]),
+                  Route(f"/{self.token}/reports/{{name:path}}", self._report),
                   Route(f"/{self.token}/{{name:path}}", self._file), WebSocketRoute(f"/{self.token}/socket", self._socket)]
         return Guard(Starlette(routes=routes, lifespan=self._lifespan), self.token, self.port)
 
@@ -83,6 +84,18 @@ class Studio:
         except HeavebondError as error:
             told = {"problems": [{**p.as_dict(), "text": str(p)} for p in error.problems]}
         return Response(json.dumps(told), 200, self._headers(""), "application/json")
+
+    async def _report(self, request: Request) -> Response:
+        """A report in the opened folder, alone in its origin: its script reaches neither the studio nor the network."""
+        name = request.path_params["name"]
+        try:
+            path = self.folder.record(name)
+            if not name.endswith(".html") or path.stat().st_size > FILE_BYTES:
+                raise UsageError([Problem("file-outside", "no report")])
+            content = await asyncio.to_thread(path.read_bytes)
+        except (HeavebondError, OSError):
+            return Response("There is no such report.\n", 404, self._headers(""), "text/plain")
+        return Response(content, 200, {**self._headers(""), "Content-Security-Policy": ALONE}, "text/html; charset=utf-8")
 
     def _answer(self, content: bytes, suffix: str, nonce: str) -> Response:
         return Response(content, 200, self._headers(nonce), KINDS[suffix])

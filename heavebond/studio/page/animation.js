@@ -71,12 +71,12 @@ export class Animation {
     this.place.replaceChildren(this.play, this.range, this.told,
       el("select", { id: "speed", "aria-label": "speed", title: "How fast time passes on the drawing", onchange: (/** @type {any} */ e) => { this.speed = Number(e.target.value); } },
         ...SPEEDS.map((s) => el("option", { value: s, selected: s === this.speed }, s === 1 ? "real time" : `${s} ×`))),
-      el("label", {}, "Show ", el("select", { id: "shown", onchange: (/** @type {any} */ e) => void this.choose(e.target.value) },
+      el("label", {}, "Colour by ", el("select", { id: "shown", onchange: (/** @type {any} */ e) => void this.choose(e.target.value) },
         ...SHOWN.map(([key, name, words]) => el("option", { value: key, selected: key === this.what, title: words }, name)))),
-      this.studio.view?.moves ? el("button", { id: "toggle-machine", "aria-pressed": String(machine.on), title: "Show the machine in motion, as heavebond animate does", onclick: (/** @type {any} */ e) => {
+      this.studio.view?.moves ? el("button", { id: "toggle-machine", "aria-pressed": String(machine.on), title: "Show the machine in motion beside its drawing", onclick: (/** @type {any} */ e) => {
         machine.toggle(!machine.on);
         e.target.setAttribute("aria-pressed", String(machine.on));
-      } }, "Machine") : "", this.legend);
+      } }, "Animation") : "", this.legend);
     this.tell();
   }
 

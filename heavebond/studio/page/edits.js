@@ -11,7 +11,7 @@ export class Edits {
     this.turn = Promise.resolve();
   }
 
-  get possible() { return Boolean(this.studio.document?.writable) && !this.studio.view?.evidence; }
+  get possible() { return Boolean(this.studio.document?.writable) && !this.studio.view?.evidence && !this.studio.view?.study; }
 
   /** One action after the other; what it selects is selected. @param {Record<string, any>} action @returns {Promise<boolean>} whether it was done */
   act(action) {

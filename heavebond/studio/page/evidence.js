@@ -1,7 +1,7 @@
 // Records beside the model: what is shown of an experiment under its drawing.
 
 import { cloud, look, onDark, timeChart } from "./charts.js";
-import { byId, el, number } from "./dom.js";
+import { byId, el, number, unitLabel } from "./dom.js";
 import { Jobs } from "./jobs.js";
 import { problemList, resultItems } from "./results.js";
 
@@ -49,7 +49,7 @@ export class Evidence {
     const was = this.active;
     this.active = view?.evidence ?? (was && view.problems.length > 0); // a text that cannot be read is what it was
     this.layout();
-    if (this.active && !was) void this.jobs.load();
+    if ((this.active && !was) || (view?.study && !this.jobs.loaded)) void this.jobs.load();
   }
 
   /** After a check: compare where something has changed. @param {any} view */
@@ -62,16 +62,17 @@ export class Evidence {
   }
 
   layout() {
-    const records = this.active || this.jobs.tuning, changed = this.place.hidden === records;
+    const records = this.active || this.jobs.tuning || Boolean(this.studio.view?.study), changed = this.place.hidden === records;
+    const study = Boolean(this.studio.view?.study);
     const component = Boolean(this.studio.view?.component); // runs within a diagram only
     for (const id of ["runs", "plots"]) byId(id).hidden = records || component;
     this.studio.animation?.show();
     byId("evidence-bar").hidden = this.place.hidden = !records;
-    for (const id of ["run", "derive"]) byId(id).hidden = this.active || component;
-    byId("records").hidden = component;
+    for (const id of ["run", "derive"]) byId(id).hidden = this.active || component || study;
+    byId("records").hidden = component || study;
     byId("compare").hidden = !this.active;
-    byId("tune").hidden = this.active || component || !this.studio.view?.parts;
-    byId("toggle-palette").hidden = this.active; // parts are placed on the diagram, not on an experiment
+    byId("tune").hidden = this.active || component || study || !this.studio.view?.parts;
+    byId("toggle-palette").hidden = this.active || study; // parts are placed on the diagram, not on an experiment
     if (changed && this.studio.view?.svg) this.studio.diagram.fit();
   }
 
@@ -162,14 +163,15 @@ export class Evidence {
 
   /** The tabs; made once, as a button that is made anew while it is pressed is never clicked. */
   bar() {
-    const tabs = this.active ? Object.entries(TABS) : [["tune", "Tune"]], place = byId("evidence-bar");
-    if (!this.active) this.tab = "tune";
+    const study = Boolean(this.studio.view?.study);
+    const tabs = this.active ? Object.entries(TABS) : study ? [["study", "Study"]] : [["tune", "Tune"]], place = byId("evidence-bar");
+    if (!this.active) this.tab = study ? "study" : "tune";
     const keys = tabs.map((t) => t[0]);
     if (place.dataset.tabs !== keys.join()) {
       place.dataset.tabs = keys.join();
       place.replaceChildren(...tabs.map(([key, title]) => el("button", { id: `tab-${key}`, role: "tab", "aria-controls": "evidence", onclick: () => this.choose(key),
         onkeydown: (/** @type {KeyboardEvent} */ event) => this.arrow(event, keys) }, title, el("span", { class: "mark" }))),
-      el("span", { class: "grow" }), ...(this.active ? [] : [el("button", { id: "close-tuning", onclick: () => this.jobs.openTuning(false) }, "Back to the runs")]));
+      el("span", { class: "grow" }), ...(this.active || study ? [] : [el("button", { id: "close-tuning", onclick: () => this.jobs.openTuning(false) }, "Back to the runs")]));
     }
     for (const key of keys) {
       const tab = byId(`tab-${key}`);
@@ -273,7 +275,7 @@ export class Evidence {
     const said = this.studio.view?.experiment;
     if (!this.active || !said) return [];
     const list = (/** @type {any[]} */ rows) => el("ul", { class: "signals" }, ...rows);
-    const free = Object.entries(said.free).map(([name, f]) => el("li", {}, el("code", {}, name), ` ${number(f.low, 4)} .. ${number(f.high, 4)} ${f.unit === "1" ? "" : f.unit}`));
+    const free = Object.entries(said.free).map(([name, f]) => el("li", {}, el("code", {}, name), ` ${number(f.low, 4)} .. ${number(f.high, 4)} ${f.unit === "1" ? "" : unitLabel(f.unit)}`));
     return [el("h3", {}, "Records"), list(said.records.map((/** @type {any} */ r) => el("li", {}, el("code", {}, r.name), ` ${r.file}, ${r.use}`))),
       el("h3", {}, "Driven by"), list(Object.entries(said.inputs).map(([name, column]) => el("li", {}, el("code", {}, name), ` column ${column}`))),
       el("h3", {}, "Compared"), list(said.outputs.map((/** @type {any} */ o) => el("li", {}, el("code", {}, o.name), o.formula === o.name ? "" : ` = ${o.formula}`, ` [${o.unit}]`))),

@@ -11,6 +11,7 @@ const KINDS = {
   where: { title: "Locate the error", words: "Finds when and in what state of motion the model fails, and the force or flow that would have to act at each place of the drawing.", button: "Locate", command: "localize" },
   diagnose: { title: "Identify the missing effect", words: "Puts each effect of the library at each place where it fits, estimates it together with all that is free, and lets the held-out records decide.", button: "Diagnose", command: "diagnose" },
   try: { title: "One effect tried by hand", words: "", button: "", command: "try" },
+  study: { title: "Run the study", words: "Simulates, tunes and measures each case of the file. Cases that are done are kept in a folder beside it: run it again to go on after a stop.", button: "Run the study", command: "study" },
   tune: { title: "Tune parameters", words: "Moves parameters within their ranges until a cost is smallest, by exact gradients.", button: "Tune", command: "tune" },
 };
 
@@ -20,6 +21,8 @@ export class Jobs {
   tuning = false; // whether the form for tuning is open
   options = { classes: "", seconds: "600" };
   /** @type {any} */ refused = null;
+  reporting = false;
+  reported = ""; // the file of the report
   /** @type {number|undefined} */ clock = undefined;
 
   /** @param {any} studio @param {any} evidence */
@@ -30,7 +33,8 @@ export class Jobs {
   }
 
   clear() {
-    Object.assign(this, { known: new Map(), arrays: new Map(), tuning: false, options: { classes: "", seconds: "600" }, refused: null });
+    Object.assign(this, { known: new Map(), arrays: new Map(), tuning: false, options: { classes: "", seconds: "600" }, refused: null, reporting: false, reported: "" });
+    this.loaded = false; // whether the server was asked how they stand
     clearInterval(this.clock);
   }
 
@@ -41,6 +45,7 @@ export class Jobs {
 
   /** How the computations of this document stand, which another tab or an earlier page may have begun. */
   async load() {
+    this.loaded = true;
     const name = this.studio.document.name, told = await this.studio.link.ask("jobs", { name }).catch(() => ({ jobs: [] }));
     if (this.studio.document?.name !== name) return;
     for (const job of told.jobs) this.pushed(job);
@@ -106,6 +111,20 @@ export class Jobs {
       this.refused = { kind: job.kind, problems: /** @type {any} */ (error).problems ?? [{ message: /** @type {any} */ (error).message, notes: [] }] };
       this.evidence.show();
     }
+  }
+
+  /** The report of a diagnosis, written beside the experiment. @param {any} job */
+  async report(job) {
+    this.reporting = true;
+    this.evidence.show();
+    try {
+      const told = await this.studio.link.ask("add", { number: job.number, given: { report: true } });
+      this.reported = told.open;
+    } catch (error) {
+      this.refused = { kind: job.kind, problems: /** @type {any} */ (error).problems ?? [{ message: /** @type {any} */ (error).message, notes: [] }] };
+    }
+    this.reporting = false;
+    this.evidence.show();
   }
 
   /** @param {boolean} open */
@@ -195,7 +214,7 @@ export class Jobs {
     if (job.state === "running" && job.best && !rows.some((/** @type {any} */ r) => r.name === `+ ${job.best.name}`))
       rows.push({ name: `+ ${job.best.name}, being tried`, chi2: Number(job.best.chi2), error: null, open: true });
     const most = Math.max(1, ...rows.map((/** @type {any} */ r) => Math.log10(Math.max(r.chi2, 1)) || 0));
-    return [el("h3", {}, "Reduced chi-square on held-out data (1 = noise level), and the error in % of what was measured"), el("ul", { class: "ladder" }, ...rows.map((/** @type {any} */ r) => {
+    return [el("h3", {}, "Reduced chi-square on held-out data (1 = noise level; bars logarithmic), and the error in % of what was measured"), el("ul", { class: "ladder" }, ...rows.map((/** @type {any} */ r) => {
       const bar = el("span", { class: `fall${r.open ? " open" : ""}` });
       bar.style.width = `${(2 + 98 * Math.log10(Math.max(r.chi2, 1)) / most).toFixed(1)}%`;
       return el("li", {}, el("span", { class: "rung" }, r.name), el("span", { class: "course" }, bar), el("span", { class: "figure" }, number(r.chi2, 4)),
@@ -211,8 +230,12 @@ export class Jobs {
     const adds = (result.adds ?? []).map((/** @type {any} */ a, /** @type {number} */ k, /** @type {any[]} */ all) => el("button", { class: k === all.length - 1 ? "main" : null, id: `add-${k}`, disabled: !job.can_write,
       onclick: () => this.add(job, a) }, addWords(job.kind, a, all)));
     if (adds.length) place.append(el("div", { class: "choices", id: "adds" }, ...adds, el("span", { class: "hint" }, this.writes(job.kind))));
+    if (job.kind === "diagnose") place.append(el("p", { class: "choices" }, el("button", { id: "write-report", disabled: !job.can_write || this.reporting, onclick: () => this.report(job) }, this.reporting ? "Writing the report…" : "Write the report"),
+      this.reported ? el("a", { id: "report", href: `reports/${encodeURIComponent(this.reported)}`, target: "_blank", rel: "noopener" }, `Open ${this.reported}`) : el("span", { class: "hint" }, "one HTML file with all pictures and tables, to print or to send")));
     extra?.(place);
+    for (const picture of result.pictures ?? []) place.append(el("figure", { class: "picture" }, el("img", { src: `data:image/svg+xml;charset=utf-8,${encodeURIComponent(picture.svg)}`, alt: picture.title })));
     place.append(...resultItems(result.items));
+    if (result.files) place.append(el("p", { class: "said" }, "Written: ", el("code", {}, `${result.folder}/`), ` ${result.files.join(", ")}`));
     if (result.others?.length) place.append(el("h3", {}, "Another effect in its place"), el("p", { class: "said" }, "Estimates it in the same diagram; it can be added then."),
       el("ul", { class: "others" }, ...result.others.map((/** @type {any} */ o, /** @type {number} */ k) => el("li", {}, el("button", { id: `other-${k}`, disabled: Boolean(this.running), onclick: () => this.begin("try", { component: o.component, where: o.where }) }, "Try"),
         ` ${o.label} (${o.kind}), reduced chi-square ${number(o.chi2, 4)} held out`))));

@@ -16,6 +16,7 @@ import { Palette } from "./palette.js";
 import { Panel } from "./panel.js";
 import { RecordFiles } from "./records.js";
 import { Runs } from "./runs.js";
+import { splitters } from "./splitters.js";
 import { Wiring } from "./wiring.js";
 
 const FEW = 2; // problems of one kind that are listed one by one
@@ -47,6 +48,7 @@ class Studio {
     this.records = new RecordFiles(this);
     this.link = new Link((message) => this.pushed(message), (open) => this.file.linked(open));
     this.listen();
+    splitters();
   }
 
   async begin() {

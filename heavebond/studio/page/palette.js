@@ -26,7 +26,7 @@ export class Palette {
 
   toggle(on = !this.shown) {
     this.place.hidden = !on;
-    byId("diagram").classList.toggle("with-palette", on);
+    byId("model").classList.toggle("with-palette", on);
     byId("toggle-palette").setAttribute("aria-pressed", String(on));
     const text = !byId("model").classList.contains("no-text");
     if (on && text && innerWidth < BOTH) { this.instead = true; this.studio.toggleText(); } // the drawing keeps its room
@@ -128,7 +128,7 @@ export class Palette {
     if (told.kind !== "done" || !this.about) return;
     const limits = (/** @type {any} */ p) => [p.limits[0] !== null && `at least ${number(p.limits[0])}`, p.limits[1] !== null && `at most ${number(p.limits[1])}`].filter(Boolean).join(", ");
     this.about.hidden = false;
-    this.about.replaceChildren(.../** @type {any[]} */ ([el("div", { class: "head" }, el("b", {}, told.name), el("button", { class: "main", id: "place", disabled: !this.studio.edits.possible, onclick: () => this.put(kind) }, "Place"),
+    this.about.replaceChildren(.../** @type {any[]} */ ([el("div", { class: "head" }, el("b", {}, told.name), el("button", { class: "main", id: "place", disabled: !this.studio.edits.possible, title: this.studio.edits.possible ? "Place it on the drawing (Enter)" : "This diagram is read only: copy or extend it to change it", onclick: () => this.put(kind) }, "Place"),
       el("button", { id: "close-about", "aria-label": "Close the description", onclick: () => { if (this.about) this.about.hidden = true; } }, "×")),
       el("p", {}, told.summary), told.restrictions && el("p", { class: "restrictions" }, `Neglected: ${told.restrictions}`),
       el("h4", {}, "Ports"), el("ul", {}, ...told.port_list.map((/** @type {any} */ p) => el("li", {}, el("code", {}, p.name), ` ${p.what}${p.doc ? `, ${p.doc}` : ""}`))),

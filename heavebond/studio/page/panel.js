@@ -4,6 +4,9 @@ import { askName, byId, el, number, unitLabel } from "./dom.js";
 
 const TICKS = 1000;
 
+/** A path that may go on in the next line behind each dot. @param {string} path */
+const breakable = (path) => path.split(/(?<=\.)/).flatMap((piece, k) => k ? [el("wbr"), piece] : [piece]);
+
 export class Panel {
   /** @param {any} studio */
   constructor(studio) {
@@ -27,6 +30,7 @@ export class Panel {
     if (this.studio.chosen.length) return this.studio.edits.several(this.studio.chosen);
     if (part) return this.part(picked.path, part, view);
     if (node) return [...this.studio.edits.tools(picked.path), el("p", {}, `Node (${node.domain}). It joins:`), this.ends(node), ...this.lines(node), ...this.studio.evidence.about("node", picked.path), ...this.signals("Signals", node.signals)];
+    if (view.study) return [el("h2", {}, view.study.name), el("p", {}, view.study.summary), el("p", {}, `${view.study.cases} ${view.study.cases === 1 ? "case" : "cases"} of the diagram ${view.name}, which is shown here.`)];
     if (view.component) return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.parameters(view.parameters), ...this.studio.edits.ports(view.component),
       el("h3", {}, "More"), el("p", {}, "The inside of a component. Changes act wherever a diagram uses it, once the file is saved.")];
     return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.changed(), ...this.studio.evidence.summary(), ...this.parameters(view.parameters), ...this.settings(view),
@@ -180,14 +184,14 @@ export class Panel {
     const { edits, evidence } = this.studio, told = view.settings;
     if (!told || evidence.active || (!edits.possible && !told.until)) return [];
     const act = (/** @type {any} */ action) => void edits.act(action).then((/** @type {boolean} */ done) => { if (!done) this.show(); });
-    const row = (/** @type {string} */ id, /** @type {string} */ label, /** @type {any} */ field) => el("div", { class: "parameter" }, el("div", { class: "head" }, el("label", { for: id }, label), el("span", { class: "value" }, field)));
+    const row = (/** @type {string} */ id, /** @type {string} */ label, /** @type {any} */ field) => el("div", { class: "parameter" }, el("div", { class: "head" }, el("label", { for: id }, ...breakable(label)), el("span", { class: "value" }, field)));
     const field = (/** @type {string} */ key, /** @type {string} */ label, /** @type {string} */ hint) => row(`run-${key}`, label, el("input", { id: `run-${key}`, class: "mono", value: told[key], disabled: !edits.possible, placeholder: hint, spellcheck: "false", autocomplete: "off",
       onchange: (/** @type {any} */ e) => act({ act: "setting", key, value: e.target.value }) }));
     const start = el("select", { id: "run-start", disabled: !edits.possible, onchange: (/** @type {any} */ e) => act({ act: "setting", key: "start", value: e.target.value }) },
       ...[["", "from initial values"], ["rest", "at rest"], ["steady", "in equilibrium"]].map(([key, words]) => el("option", { value: key, selected: key === told.start }, words)));
     const given = Object.entries(told.initial).map(([name, value]) => row(`initial-${name}`, name, el("input", { id: `initial-${name}`, class: "mono", value, disabled: !edits.possible, spellcheck: "false", autocomplete: "off",
       title: "Value at the start; nothing removes it", onchange: (/** @type {any} */ e) => act({ act: "initial", signal: name, value: e.target.value }) })));
-    return [el("h3", {}, "Run"), field("until", "until", "such as 5 s"), field("every", "every", "such as 5 ms"), row("run-start", "start", start), ...given];
+    return [el("h3", {}, "Run"), field("until", "duration", "such as 5 s"), field("every", "output interval", "such as 5 ms"), row("run-start", "start", start), ...given];
   }
 
   /** What a signal may be besides being plotted: an output of the diagram, with a value at the start. @param {any} s @param {boolean} output whether it is one already */

@@ -74,7 +74,8 @@ export class Plots {
         { ...axis, size: 66, label: group.unit === "1" ? "" : unitLabel(group.unit), labelSize: 18, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => number(t)) }],
       series: [{ label: "time", value: (/** @type {any} */ _, /** @type {number} */ v) => v === null || v === undefined ? "—" : `${number(v)} s` },
         ...group.lines.map((/** @type {any} */ l, /** @type {number} */ k, /** @type {any[]} */ all) => ({
-          label: l.run.label ? `${l.name} (${l.run.label})` : l.name, stroke: palette[(names.length > 1 ? names.indexOf(l.name) : (k + 1) % all.length) % palette.length], // one signal: colours tell the runs width: l.run.live ? 1.6 : 1.3,
+          label: l.run.label ? `${l.name} (${l.run.label})` : l.name, stroke: palette[(names.length > 1 ? names.indexOf(l.name) : (k + 1) % all.length) % palette.length], // one signal: colours tell the runs
+          width: l.run.live ? 1.8 : 1.3,
           dash: DASHES[l.run.dash % DASHES.length], points: { show: false }, spanGaps: true,
           value: (/** @type {any} */ _, /** @type {number} */ v) => v === null || v === undefined ? "—" : number(v) }))] };
   }

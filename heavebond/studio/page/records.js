@@ -102,10 +102,10 @@ export class RecordFiles {
     } },
     el("h2", {}, `Records of ${stem(model)}`), el("p", { class: "said" }, "What the columns are was proposed from their names and units. Correct what is wrong: a record drives the inputs, and the model is compared with the outputs."),
     ...told.remarks.map((/** @type {string} */ r) => el("p", { class: "verdict" }, r)),
-    el("ul", { class: "files" }, ...uses.map((u, k) => el("li", {}, el("code", {}, u.file), " ", el("select", { id: `use-${k}`, "aria-label": `use of ${u.file}`, onchange: (/** @type {any} */ e) => { u.use = e.target.value; } },
+    el("ul", { class: "files aligned" }, ...uses.map((u, k) => el("li", {}, el("code", {}, u.file), el("select", { id: `use-${k}`, "aria-label": `use of ${u.file}`, onchange: (/** @type {any} */ e) => { u.use = e.target.value; } },
       ...USES.map(([value, text]) => el("option", { value, selected: value === u.use }, text)))))),
     files.length === 1 ? el("p", { class: "said" }, "With one record, every third section of it is held out of the fit. Better: drop two, and hold one out.") : null,
-    el("div", { class: "scroll" }, el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["column", "course", "from .. to", "is", "of the diagram", "unit", "between samples"].map((h) => el("th", { scope: "col" }, h)))),
+    el("div", { class: "scroll" }, el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["column", "curve", "range", "role", "variable of the diagram", "unit", "between samples"].map((h) => el("th", { scope: "col" }, h)))),
       el("tbody", {}, ...rows.map((/** @type {any} */ r) => r.row)))),
     el("datalist", { id: "known-inputs" }, ...options(told.inputs)), el("datalist", { id: "known-outputs" }, ...options(told.outputs)),
     frees.place, el("p", {}, el("label", { for: "experiment-name" }, "Name of the experiment's file "), name, el("code", {}, ".yaml")), wrong,
@@ -153,7 +153,7 @@ export class RecordFiles {
       const box = el("input", { type: "checkbox", id: `free-${p.path}` });
       return { p, within, box, row: el("li", {}, el("label", {}, box, ` ${p.path} = ${p.text}`), el("span", {}, " ± ", within, " %")) };
     });
-    const all = el("button", { type: "button", onclick: () => { for (const f of fields) /** @type {any} */ (f.box).checked = true; } }, "All");
+    const all = el("button", { type: "button", onclick: () => { for (const f of fields) /** @type {any} */ (f.box).checked = true; } }, "Select all");
     const place = el("details", { open: fields.length <= 12 }, el("summary", {}, "Parameters that are not known exactly (they are estimated within a tolerance)"), all, el("ul", { class: "frees" }, ...fields.map((f) => f.row)));
     return { place, chosen: () => Object.fromEntries(fields.filter((f) => /** @type {any} */ (f.box).checked).map((f) => [f.p.path, `${f.p.text} +- ${/** @type {any} */ (f.within).value.trim()} %`])) };
   }

@@ -123,6 +123,7 @@ export class Runs {
   /** Simulate with the values of the sliders; whether there is a result. */
   async run() {
     if (!this.studio.document || !this.studio.view?.parts) return false;
+    if (this.studio.view.study) { void this.studio.evidence.jobs.begin("study"); return false; }
     if (this.studio.view.component) { this.studio.say("a component runs as a part of a diagram"); return false; }
     if (this.studio.evidence.active) { await this.studio.evidence.compare(); return false; }
     const values = this.values, began = performance.now(), name = this.studio.document.name;
