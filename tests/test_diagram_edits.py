@@ -83,6 +83,10 @@ def test_a_deleted_part_goes_with_its_wires_and_mentions() -> None:
     assert "\n  wheel: [" not in changed and "suspension:" not in changed and "comfort:" in changed
 
 
+def test_what_else_goes_with_a_part_is_told() -> None:
+    assert edited(Job(CAR, "car.yaml", "car.yaml"), {"act": "delete", "parts": ["tyre"]})["removed"] == ["output tyre_force"]
+
+
 def test_a_wire_makes_a_node_joins_one_or_makes_two_one() -> None:
     text = "model: a\ncomponents:\n  m: {is: Mass, m: 1 kg}\n  s: {is: Spring, c: 1 N/m}\n  d: {is: Damper, d: 1 N*s/m}\n"
     text = _edit(text, "join", **{"from": "s.b", "to": "m.a"})

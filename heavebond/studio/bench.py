@@ -29,6 +29,7 @@ from heavebond.numerics.simulator import grid
 from heavebond.pictures.animation import packed
 from heavebond.pictures.drawing import draw_expanded, symbol_picture
 from heavebond.pictures.motion import animate
+from heavebond.studies.run_case import checked
 from heavebond.studies.study import study_from_source
 from heavebond.studio.animation import animation, modes
 from heavebond.studio.blocks import Block, is_block, read_block
@@ -90,6 +91,7 @@ def view(job: Job, opened: Sequence[str] = ()) -> Entry:
             found["study"] = {"name": "", "summary": ""}
             study = study_from_source(source)
             found["study"] = {"name": study.name, "summary": study.summary, "cases": len(study.cases)}
+            checked(study)
         model = experiment.model if experiment is not None else study.model if study is not None else from_source(source)
         files = [*dependencies(model, Path(job.path)), *(files_of(experiment) if experiment is not None else [])]
         found["files"] = [str(p) for p in dict.fromkeys(files) if p.resolve() != Path(job.path).resolve()]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from heavebond.core.errors import Problem, Problems, UsageError, listing, suggest
+from heavebond.core.errors import Problem, Problems, UsageError, suggest
 from heavebond.equations.connect import Network, connect_as_far
 from heavebond.equations.expand import Expanded, expand_as_far
 from heavebond.language import reading
@@ -26,7 +26,6 @@ from heavebond.text.yaml_edits import Key, Tree, add_item, delete_entry, rename_
 from heavebond.text.yaml_source import Scalar, parse, read
 
 Entry = dict[str, Any]
-SIGNAL = "signal"
 
 
 @dataclass(frozen=True)
@@ -105,7 +104,7 @@ def place_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
     shown = _example_values(component, kind)
     given: dict[str, Tree] = {n: shown[n] for n in needed if n in shown}
     text, at = _at(diagram, Grid.read(action), action)
-    text = _with_entry(text, "components", name, {"is": kind, **given, "at": at})
+    text = with_entry(text, "components", name, {"is": kind, **given, "at": at})
     return {"text": text, "part": name}
 
 
@@ -239,7 +238,7 @@ def copy_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
 
 def delete(diagram: Diagram, job: Job, action: Entry) -> Entry:
     """Parts and nodes, with wires, outputs, initial conditions and settings that mention them."""
-    text = diagram.text
+    text, before = diagram.text, diagram
     for name in map(str, action.get("parts", ())):
         diagram = read_diagram(text, job)
         if name not in diagram.section("components") and name in diagram.model.body.instances:
@@ -247,8 +246,20 @@ def delete(diagram: Diagram, job: Job, action: Entry) -> Entry:
             continue
         text = _without_part(diagram, diagram.own(name), job)
     for name in map(str, action.get("nodes", ())):
-        text = _without_node(read_diagram(text, job), name)
-    return {"text": text}
+        text = without_node(read_diagram(text, job), name)
+    after = tree(parse(text).root)
+    assert isinstance(after, dict)
+    return {"text": text, "removed": _removed(before.said, after)}
+
+
+def _removed(before: dict[str, Tree], after: dict[str, Tree]) -> list[str]:
+    """What else went with parts and nodes: outputs, initial conditions, settings and shapes."""
+    found = []
+    for section, what in (("show", "output"), ("initial", "initial value"), ("set", "setting"), ("view", "shape")):
+        old, new = before.get(section), after.get(section)
+        left = new if isinstance(new, dict) else {}
+        found += [f"{what} {name}" for name in old if name not in left] if isinstance(old, dict) else []
+    return found
 
 
 def _without_part(diagram: Diagram, name: str, job: Job) -> str:
@@ -264,128 +275,11 @@ def _without_part(diagram: Diagram, name: str, job: Job) -> str:
     return text
 
 
-def _without_node(diagram: Diagram, name: str) -> str:
+def without_node(diagram: Diagram, name: str) -> str:
     if name not in diagram.section("nodes"):
         raise UsageError([Problem("node-inherited", f"node '{name}' is declared in the diagram that this one extends", None,
                                   "Take ports from it here: `-part.port`.")])
     return delete_entry(deleted_mentions(diagram.text, diagram.named(name), node=True), ("nodes", name))
-
-
-# -- wires -----------------------------------------------------------------------------------------------------------------
-def join_ports(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """Two ports on one node: a new one, that of either, or those of both made one."""
-    one, two = str(action["from"]), str(action["to"])
-    for reason in filter(None, [why_not(diagram, one, two)]):
-        raise UsageError([Problem("ports-unfit", reason)])
-    first, second = diagram.node_of(one), diagram.node_of(two)
-    if not first and not second:
-        name = node_name(diagram, (one, two))
-        return {"text": _with_entry(diagram.text, "nodes", name, [one, two]), "node": name}
-    if first and second:
-        return {"text": _merged(diagram, first, second), "node": first}
-    node, port = (first, two) if first else (second, one)
-    return {"text": _added(diagram, node, port), "node": node}
-
-
-def node_name(diagram: Diagram, ports: tuple[str, str]) -> str:
-    """A name for a new node: that of a part with one port of power, a mass or a source, whose variables have other names
-    than those of the node; else the names of both parts."""
-    parts = list(dict.fromkeys(port.partition(".")[0] for port in ports))
-    domain = diagram.model.library.domains.get(next(filter(None, (_port_facts(diagram, port)[0] for port in ports)), ""))
-    if domain is not None:
-        own = {*domain.members}
-        for part in parts:
-            single = part in diagram.expanded.leaves and len(diagram.expanded.leaves[part].component.ports) == 1
-            if single and part not in diagram.model.body.wires and not own & diagram.named(part).members:
-                return part
-    return free_name("_".join(parts), diagram.taken)
-
-
-def _added(diagram: Diagram, node: str, port: str) -> str:
-    inherited = node not in diagram.section("nodes")
-    return add_item(diagram.text, ("nodes", node), f"+{port}" if inherited or "extends" in diagram.said else port)
-
-
-def _merged(diagram: Diagram, first: str, second: str) -> str:
-    """The ports of the second node on the first, and the second's name in formulas replaced."""
-    ends = diagram.section("nodes").get(second)
-    if "extends" in diagram.said or not isinstance(ends, list):
-        raise UsageError([Problem("edit-refused", f"'{first}' and '{second}' are nodes of the diagram that this one extends",
-                                  None, "Join them there.")])
-    text = delete_entry(renamed_mentions(diagram.text, diagram.named(second), first, node=True), ("nodes", second))
-    for end in ends:
-        text = add_item(text, ("nodes", first), str(end))
-    return text
-
-
-def leave_node(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """A port taken off its node; the node goes with its last port."""
-    port = str(action["port"])
-    node = diagram.node_of(port)
-    ends = diagram.section("nodes").get(node)
-    if not node or not isinstance(ends, list) or port not in [str(end).lstrip("+") for end in ends]:
-        raise UsageError([Problem("edit-refused", f"'{port}' is on no node of this file")])
-    if len(ends) == 1:
-        return {"text": _without_node(diagram, node)}
-    k = [str(end).lstrip("+") for end in ends].index(port)
-    return {"text": delete_entry(diagram.text, ("nodes", node, k)), "node": node}
-
-
-def why_not(diagram: Diagram, one: str, two: str) -> str:
-    """Why two ports cannot be joined; empty where they can."""
-    if one == two:
-        return "a wire joins two ports"
-    facts = [_port_facts(diagram, port) for port in (one, two)]
-    (first, out), (second, drives) = facts
-    node = diagram.node_of(one)
-    if node and node == diagram.node_of(two):
-        return f"'{one}' and '{two}' are joined already, on node '{node}'"
-    if SIGNAL in (first, second) and first != second:
-        return (f"'{one}' is {_a(first)} port and '{two}' {_a(second)} port: a signal acts through a source (ForceSource, "
-                "FlowSource, ...) and comes from a sensor")
-    if first and second and first != second:
-        return (f"'{one}' is {_a(first)} port and '{two}' {_a(second)} port; a component such as a Cylinder goes from one "
-                "domain to another")
-    if out and drives:
-        return f"'{one}' and '{two}' are both outputs; a signal has exactly one. Add them with a Sum"
-    for port in (one, two):
-        part, _, name = port.partition(".")
-        leaf = diagram.expanded.leaves.get(part)
-        if leaf is not None and name in leaf.inputs:
-            return f"'{port}' has a value in place, `{name}: {_value_text(leaf.inputs[name].value)}`; remove that first"
-    return _outputs_on_nodes(diagram, one, two)
-
-
-def _outputs_on_nodes(diagram: Diagram, one: str, two: str) -> str:
-    """A second output on a node that has one."""
-    found = []
-    for port in (one, two):
-        wire = diagram.model.body.wires.get(diagram.node_of(port))
-        on = [end.path for end in wire.ends] if wire else [port]
-        found += [p for p in dict.fromkeys([*on, port]) if _port_facts(diagram, p)[1]]
-    return f"the signal would have two outputs, {listing(found)}; add them with a Sum" if len(found) > 1 else ""
-
-
-def _value_text(value: Any) -> str:
-    return str(getattr(value, "text", "") or getattr(value, "file", ""))
-
-
-def _a(domain: str) -> str:
-    return f"{'an' if domain[:1] in 'aeiou' else 'a'} {domain or 'power'}"
-
-
-def _port_facts(diagram: Diagram, path: str) -> tuple[str, bool]:
-    """The domain of a port, empty where nothing tells it yet, and whether it is an output (of a block, seen from inside, an
-    input); UsageError for no port."""
-    part, _, port = path.partition(".") if "." in path else ("", "", path)
-    leaf = diagram.expanded.leaves.get(part)
-    base = port.partition("[")[0]
-    if leaf is None or (base not in leaf.component.ports and base not in leaf.component.signal_names):
-        raise UsageError([Problem("port-unknown", f"there is no port '{path[:100]}'")])
-    if (signal := leaf.component.signal(base)) is not None:
-        return SIGNAL, signal.direction == ("out" if part else "in")
-    found = leaf.component.ports[base].domain
-    return ("" if found.startswith("$") else found) or diagram.network.domains.get(part, {}).get(base, ""), False
 
 
 # -- values ----------------------------------------------------------------------------------------------------------------
@@ -402,7 +296,7 @@ def set_value(diagram: Diagram, job: Job, action: Entry) -> Entry:
     return {"text": set_entry(diagram.text, keys, value, after=section_before(diagram.text, str(keys[0]))), **part}
 
 
-def _with_entry(text: str, section: str, name: str, value: Tree) -> str:
+def with_entry(text: str, section: str, name: str, value: Tree) -> str:
     """A new entry in a section, which comes where the language lists it if it is missing."""
     return set_entry(text, (section, name), value, after=section_before(text, section))
 

@@ -8,14 +8,15 @@ from heavebond.core.errors import UsageError
 from heavebond.studio import diagram_edits as one
 from heavebond.studio import group_edits as group
 from heavebond.studio import run_edits as run
+from heavebond.studio import wire_edits as wire
 from heavebond.studio.blocks import unrunnable
 from heavebond.studio.diagram_edits import Diagram, Entry, read_diagram
 from heavebond.studio.job import Job
 
 ACTIONS: dict[str, Callable[[Diagram, Job, Entry], Entry]] = {
     "place": one.place_part, "move": one.move_part, "turn": one.turn_part, "rename": one.rename_part,
-    "rename_node": one.rename_node, "copy": one.copy_part, "delete": one.delete, "join": one.join_ports,
-    "leave": one.leave_node, "set": one.set_value, "move_parts": group.move_parts, "copy_parts": group.copy_parts,
+    "rename_node": one.rename_node, "copy": one.copy_part, "delete": one.delete, "join": wire.join_ports,
+    "leave": wire.leave_node, "set": one.set_value, "move_parts": group.move_parts, "copy_parts": group.copy_parts,
     "show": run.show_signal, "initial": run.initial_value, "setting": run.run_setting}
 RUNS = ("show", "initial", "setting")  # what only a diagram has that is simulated
 

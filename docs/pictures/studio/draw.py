@@ -15,10 +15,25 @@ import browser  # noqa: E402
 
 SETTLED = 0.5  # s until the charts are drawn
 PATIENCE = 300.0  # s for a diagnosis
+STUDY = """\
+study: dampers
+summary: The rig with dampers from 50 to 800 N*s/m and two springs.
+model: rig.yaml
+cases:
+  spring.c: [4 kN/m, 8 kN/m]
+  damper.d: [50 N*s/m, 100 N*s/m, 200 N*s/m, 400 N*s/m, 800 N*s/m]
+evaluate: {from: 0.5 s, to: 6 s}
+measure:
+  largest swing: {is: largest(load.x), unit: mm}
+  rms speed: {is: rms(load.v), unit: mm/s}
+pictures:
+  swings: {curves: [largest swing], title: Swing over the damping}
+"""
 
 
-def pictures(tab: browser.Tab, address: str, folder: Path) -> None:
-    """The first page; the compensator after a run; a gain moved; the run on the drawing; a block opened; a mistake."""
+def pictures(tab: browser.Tab, address: str, opened: Path, folder: Path) -> None:
+    """The first page; the compensator after a run; a gain moved; the run on the drawing; a block opened, and its inside; a
+    study; a mistake."""
     def take(name: str) -> None:
         time.sleep(SETTLED)
         (folder / f"{name}.png").write_bytes(tab.screenshot())
@@ -54,9 +69,25 @@ def pictures(tab: browser.Tab, address: str, folder: Path) -> None:
     tab.click("#toggle-text")
     tab.click("[data-zoom='fit']")
     take("block")
+    from heavebond.estimation.starter_folder import start_folder
+
+    start_folder(opened / "machine", "cmc_ahc")
+    tab.run("studio.open('machine/components/active_compensator.yaml')")
+    tab.wait("studio.document.name.endsWith('active_compensator.yaml') && studio.view?.parts")
+    tab.click("#toggle-text")
+    tab.click("g.part[data-part='valve'] .frame")
+    take("inside")
+    tab.run("studio.open('dampers.yaml')")
+    tab.wait("studio.document.name === 'dampers.yaml' && studio.view?.parts")
+    tab.click("#begin-study")
+    tab.wait("studio.evidence.jobs.state('study')?.state === 'done'", PATIENCE)
+    tab.wait("document.querySelector('.picture img')?.naturalWidth > 100")
+    tab.run("document.documentElement.style.setProperty('--drawing', '240px')")
+    tab.run("document.getElementById('middle').classList.add('split')")
+    take("study")
+    tab.run("document.getElementById('middle').classList.remove('split')")
     tab.run("studio.open('rig.yaml')")
     tab.wait("studio.document.name === 'rig.yaml' && studio.view?.parts")
-    tab.click("#toggle-text")
     tab.run("studio.editor.replace(studio.editor.text.replace('N*s/m', 'N/m'))")
     tab.wait("document.querySelector('g.part.faulty') !== null")
     tab.click("[data-zoom='fit']")
@@ -133,10 +164,11 @@ def main(folder: Path) -> None:
             from heavebond.studio.folder import Folder
 
             Folder(opened).create("rig")
+            (opened / "dampers.yaml").write_text(STUDY, encoding="utf-8")
             start_folder(opened / "shaker")
             tab = browser.Tab(Path(place) / "profile", 1440, 960)
             try:
-                pictures(tab, address, folder)
+                pictures(tab, address, opened, folder)
                 editing(tab, folder)
                 records(tab, opened, folder)
             finally:

@@ -36,6 +36,7 @@ export class Edits {
       if (told.parts?.length > 1) studio.chooseParts([...told.parts.filter((/** @type {string} */ part) => part !== told.part), told.part]);
       else if (studio.picked) studio.pick(studio.picked.kind, studio.picked.path);
       studio.diagram.reveal();
+      if (told.removed?.length) studio.say(`also removed: ${told.removed.join(", ")} (Ctrl+Z brings all back)`);
       return true;
     } catch (error) {
       this.refuse(error instanceof Error ? error.message : String(error));

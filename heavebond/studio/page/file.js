@@ -1,6 +1,6 @@
 // The file of the diagram: what is not saved, drafts, and what happens to it on disk.
 
-import { byId, el } from "./dom.js";
+import { byId, el, message as worded } from "./dom.js";
 import { Refused } from "./link.js";
 
 const CHECKED = 250; // ms after the last key until the text is checked
@@ -107,6 +107,6 @@ export class DiagramFile {
       this.pushed({ push: "disk", ...told });
       void this.studio.check(false);
     });
-    if (!open) this.studio.banner(["The studio's server has ended. Start `heavebond studio` again: unsaved text is kept in this browser and offered on its new page."]);
+    if (!open) this.studio.banner(worded("The studio's server has ended. Start `heavebond studio` again: unsaved text is kept in this browser and offered on its new page."));
   }
 }

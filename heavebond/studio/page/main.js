@@ -19,6 +19,7 @@ import { Runs } from "./runs.js";
 import { splitters } from "./splitters.js";
 import { Wiring } from "./wiring.js";
 
+const NARROW = 900; // px, as in the styles
 const FEW = 2; // problems of one kind that are listed one by one
 
 class Studio {
@@ -49,6 +50,7 @@ class Studio {
     this.link = new Link((message) => this.pushed(message), (open) => this.file.linked(open));
     this.listen();
     splitters();
+    if (innerWidth <= NARROW) this.toggleText(); // the text takes the place of the panel there
   }
 
   async begin() {
@@ -170,7 +172,8 @@ class Studio {
 
   /** @param {(string|Node)[]} parts */
   banner(parts) {
-    byId("banner").replaceChildren(...parts);
+    const answered = parts.some((part) => part instanceof HTMLButtonElement); // one that asks stays until it is answered
+    byId("banner").replaceChildren(...parts, ...(answered || !parts.length ? [] : [el("span", { class: "grow" }), el("button", { id: "close-banner", "aria-label": "Close the message", onclick: () => this.banner([]) }, "×")]));
     byId("banner").hidden = !parts.length;
   }
 

@@ -16,12 +16,12 @@ export function tuningForm(studio, running, begin) {
       /** @type {any} */ (range).disabled = !e.target.checked;
     } }), ` ${p.path} = ${p.text}`), range);
   });
-  const field = (/** @type {string} */ key, /** @type {string} */ label, /** @type {string} */ hint) => el("p", {}, el("label", { for: `tune-${key}` }, label), " ", el("input", { id: `tune-${key}`, class: "wide", value: kept[key], placeholder: hint, spellcheck: "false", oninput: (/** @type {any} */ e) => { kept[key] = e.target.value; } }));
+  const field = (/** @type {string} */ key, /** @type {string} */ label, /** @type {string} */ hint) => el("p", { class: "row" }, el("label", { for: `tune-${key}` }, label), el("input", { id: `tune-${key}`, class: "wide", value: kept[key], placeholder: hint, spellcheck: "false", oninput: (/** @type {any} */ e) => { kept[key] = e.target.value; } }));
   const output = view.outputs[0]?.name ?? "load.x";
   return el("form", { id: "tuning", onsubmit: (/** @type {Event} */ event) => {
     event.preventDefault();
     if (!running) begin({ free: Object.entries(kept.free).map(([path, range]) => `${path}=${range}`), cost: kept.cost, limits: kept.limits.split(";").map((/** @type {string} */ t) => t.trim()).filter(Boolean), evaluate: kept.evaluate });
-  } }, el("details", { open: true }, el("summary", {}, "What may move, and within what range"), el("ul", { class: "frees" }, ...rows)),
-  field("cost", "Cost to be small", `rms(${output})`), field("limits", "Limits to be kept (apart by ;)", `peak(${output}) < 1`), field("evaluate", "Time that counts", "the whole run, or 2 .. 4 s"),
+  } }, el("details", { open: true }, el("summary", {}, "Parameters to tune, with their ranges"), el("ul", { class: "frees" }, ...rows)),
+  field("cost", "Cost to minimise", `such as rms(${output})`), field("limits", "Constraints", `such as peak(${output}) < 1; several apart by ;`), field("evaluate", "Evaluated time", "the whole run, or 2 .. 4 s"),
   el("button", { class: "main", id: "begin-tune", disabled: running }, "Tune"));
 }
