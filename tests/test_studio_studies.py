@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import urllib.error
 import urllib.request
 from pathlib import Path
 
 import browser
+import pytest
 from click.testing import CliRunner
 from studio_pages import Server, server, tab
 from test_studio_blocks import RIG, STRUT
@@ -84,9 +86,6 @@ def test_a_report_is_served_alone_in_its_origin(server: Server) -> None:
         policy = answer.headers["Content-Security-Policy"]
     assert "sandbox allow-scripts;" in policy and "default-src 'none'" in policy and "allow-same-origin" not in policy
     for name in ("rig.yaml", "../rig_report.html", "..%2F..%2Fetc%2Fpasswd.html", "missing.html"):
-        try:
+        with pytest.raises(urllib.error.HTTPError) as refused:
             urllib.request.urlopen(f"{server.address}reports/{name}")
-        except urllib.error.HTTPError as error:
-            assert error.code in (403, 404)
-        else:
-            raise AssertionError(name)
+        assert refused.value.code in (403, 404)

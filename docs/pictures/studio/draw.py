@@ -20,8 +20,8 @@ study: dampers
 summary: The rig with dampers from 50 to 800 N*s/m and two springs.
 model: rig.yaml
 cases:
-  spring.c: [4 kN/m, 8 kN/m]
   damper.d: [50 N*s/m, 100 N*s/m, 200 N*s/m, 400 N*s/m, 800 N*s/m]
+  spring.c: [4 kN/m, 8 kN/m]
 evaluate: {from: 0.5 s, to: 6 s}
 measure:
   largest swing: {is: largest(load.x), unit: mm}
@@ -83,9 +83,9 @@ def pictures(tab: browser.Tab, address: str, opened: Path, folder: Path) -> None
     tab.wait("studio.evidence.jobs.state('study')?.state === 'done'", PATIENCE)
     tab.wait("document.querySelector('.picture img')?.naturalWidth > 100")
     tab.run("document.documentElement.style.setProperty('--drawing', '240px')")
-    tab.run("document.getElementById('middle').classList.add('split')")
+    tab.run("document.getElementById('middle').classList.add('resized')")
     take("study")
-    tab.run("document.getElementById('middle').classList.remove('split')")
+    tab.run("document.getElementById('middle').classList.remove('resized')")
     tab.run("studio.open('rig.yaml')")
     tab.wait("studio.document.name === 'rig.yaml' && studio.view?.parts")
     tab.run("studio.editor.replace(studio.editor.text.replace('N*s/m', 'N/m'))")

@@ -19,17 +19,17 @@ export function splitters() {
       const most = Math.max(border.least, (border.across ? whole.clientWidth : whole.clientHeight) - border.rest);
       const value = `${Math.round(Math.min(most, Math.max(border.least, px)))}px`;
       document.documentElement.style.setProperty(border.variable, value);
-      if (!border.across) whole.classList.add("split");
+      if (!border.across) whole.classList.add("resized");
       localStorage.setItem(`pane:${border.id}`, value);
       handle.setAttribute("aria-valuenow", String(parseInt(value, 10)));
     };
     const reset = () => {
       document.documentElement.style.removeProperty(border.variable);
-      if (!border.across) whole.classList.remove("split");
+      if (!border.across) whole.classList.remove("resized");
       localStorage.removeItem(`pane:${border.id}`);
     };
     const kept = parseFloat(localStorage.getItem(`pane:${border.id}`) ?? "");
-    if (kept > 0) { document.documentElement.style.setProperty(border.variable, `${kept}px`); if (!border.across) whole.classList.add("split"); }
+    if (kept > 0) { document.documentElement.style.setProperty(border.variable, `${kept}px`); if (!border.across) whole.classList.add("resized"); }
     handle.title = "Drag to move the border (arrow keys); double click for the usual place";
     handle.addEventListener("pointerdown", (event) => {
       const begin = border.across ? event.clientX : event.clientY, before = size();
