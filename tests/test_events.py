@@ -566,3 +566,29 @@ def test_an_indicator_that_falls_from_zero_is_no_crossing() -> None:
 
     assert crossing(falls, 0.0, 1.0, 0.0, (1e-17, 0.875), certain=False, precision=1e-12) is None
     assert crossing(bounces, 0.0, 1.0, 0.0, (1.0, 0.25), certain=True, precision=1e-12) == pytest.approx(0.5, abs=1e-11)
+
+
+COUNTED = """component: Counted
+summary: Counts whole seconds while the count has reached a level.
+units: unchecked
+ports: {y: {signal: out, unit: 1}}
+parameters: {level: {unit: 1, default: 0}}
+variables: {n: {unit: 1, held: 0}}
+equations: |
+  y = n
+when:
+  up: {condition: CONDITION, then: {n: n + 1}}
+"""
+
+
+@pytest.mark.parametrize("condition", ["n >= level and time > n + 1", "not n < level and time > n + 1",
+                                       "level <= n and time > n + 1", "not (n > 5 or n < level) and time > n + 1"])
+def test_what_an_event_holds_may_equal_the_bound_of_a_condition(tmp_path: Path, condition: str) -> None:
+    (tmp_path / "components").mkdir()
+    (tmp_path / "components" / "counted.yaml").write_text(COUNTED.replace("CONDITION", condition))
+    (tmp_path / "m.yaml").write_text("model: m\ncomponents: {part: {is: Counted}}\nsimulate: {until: 2.5 s, every: 0.1 s}\n")
+    run = hb.simulate(hb.load(str(tmp_path / "m.yaml")))
+    assert [name for _, name in run.events] == ["part.up", "part.up"]
+    assert [t for t, _ in run.events] == pytest.approx([1.0, 2.0], abs=1e-9)
+    never = hb.simulate(hb.load(str(tmp_path / "m.yaml")), parameters={"part.level": 1.0})
+    assert not never.events

@@ -61,6 +61,16 @@ class Symbols:
     def _constant(self, item: Declared) -> None:
         if item.kind == "string" or item.value is None:
             return
+        if item.size:
+            values = self.evaluate(item.value)
+            known = [[fold(e, self.numbers) for e in row] for row in values]
+            rows, columns = self._shape(item.size)
+            flat = [e for row in known for e in row]
+            flat = flat * (rows * columns) if len(flat) == 1 else flat
+            if len(flat) != rows * columns or None in flat:
+                raise Unreadable(item.line, f"the constant '{item.name}' is not {rows} x {columns} known numbers")
+            self.names[item.name] = [[f.number(flat[i * columns + k] or 0.0) for k in range(columns)] for i in range(rows)]
+            return
         value = fold(self.evaluate.scalar(item.value), self.numbers)
         if value is not None:
             self.numbers[item.name] = value
@@ -105,11 +115,11 @@ class Symbols:
         self.made.elements[label] = names
         if port.domain == "signal":
             for name in names:
-                self.made.items[name] = Item(name, "out" if port.direction == "out" else "in", port.unit)
+                self.made.items[name] = Item(name, "out" if port.direction == "out" else "in", port.unit, port.doc)
             self.names[label] = [[f.name(e) for e in row] for row in group]
             return
         for name in names:
-            self.made.items[name] = Item(name, "bond", "", "" if port.domain == "power" else port.domain)
+            self.made.items[name] = Item(name, "bond", "", port.doc or ("" if port.domain == "power" else port.domain))
         effort = [[f.name(f"{e}.e") for e in row] for row in group]
         flow = [[f.negative(f.name(f"{e}.f")) if out else f.name(f"{e}.f") for e in row] for row in group]
         self._members(port, label, effort, flow)

@@ -35,6 +35,7 @@ class Calculus(Protocol):
     def event(self, kind: str, args: list[Expr], line: int) -> Expr: ...
     def floor(self, value: Expr) -> Expr: ...
     def truncated(self, ratio: Expr) -> Expr: ...
+    def delayed(self, args: list[Expr], line: int) -> Expr: ...
     def noise(self, line: int) -> Expr: ...
     def note(self, line: int, what: str) -> None: ...
 
@@ -195,6 +196,8 @@ class Evaluator:
             return self.make.discrete(name, args, expr.line)
         if name in ("resint", "limint"):
             return (self.make.resettable if name == "resint" else self.make.limited)(args, expr.line)
+        if name == "tdelay":
+            return self.make.delayed(args, expr.line)
         if name in ("floor", "round", "ceil", "trunc", "truncate") and len(args) == 1:
             return self._rounded(name, args[0])
         if name in ("gauss", "ran"):
@@ -235,8 +238,9 @@ def _no_table(name: Expr) -> Expr:
     raise Unreadable(name.line, "there are no files beside the model")
 
 
-EXTERNAL = {"dll": "a function of an external library is not translated", "data": "values from a file are not translated",
-            "tdelay": "a time delay is not translated", "realtime": "the clock of the computer is not translated",
+EXTERNAL = {"dll": "a function of a compiled library (DLL), whose law the model does not hold, is not translated",
+            "data": "values from a file are not translated",
+            "realtime": "the clock of the computer is not translated",
             "table": "a table needs the name of a file and an input"}
 FUNCTIONS: dict[str, Callable[..., Expr]] = {
     "algebraic": lambda x, *_: x,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from heavebond.core.errors import ModelError, Place, Problem
 from heavebond.import_20sim.sidops_lexer import Lexed, Token
 from heavebond.import_20sim.sidops_tree import Assign, Declared, Do, Expr, For, If, Statement, While
@@ -297,6 +299,10 @@ class Reader:
         while self.now.kind != "end" and self.now.word not in SECTIONS and self.now.word not in ("end", "restrictions",
                                                                                               "ports", "description"):
             if self.skip(";"):
+                continue
+            if self.now.kind == "string":  # a description of what stands before it
+                said = self.take().text[1:-1]
+                found[-1:] = [replace(item, doc=item.doc or said) for item in found[-1:]]
                 continue
             try:
                 if self.now.word not in KINDS:

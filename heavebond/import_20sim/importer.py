@@ -30,6 +30,7 @@ from heavebond.import_20sim.write import (
 )
 
 ASSUMED_SAMPLE_TIME = 0.1  # s
+READ = 2000  # characters of a component file that hold its summary
 
 
 @dataclass(frozen=True)
@@ -46,9 +47,17 @@ class Imported:
     """The files of an import by their name, the diagram first, and what is not translated."""
 
     name: str
+    model: str  # the name of the file of 20-sim, without its ending
     files: dict[str, str] = field(default_factory=dict)
     untranslated: list[Untranslated] = field(default_factory=list)
     warnings: list[Problem] = field(default_factory=list)
+
+    def left_over(self, folder: Path) -> list[Path]:
+        """Components that an earlier import of the same model wrote into a folder and this one does not."""
+        told = f"of the 20-sim model {self.model}."
+        found = sorted((folder / "components").glob("*.yaml")) if (folder / "components").is_dir() else []
+        return [path for path in found if f"components/{path.name}" not in self.files
+                and told in path.read_text(encoding="utf-8", errors="replace")[:READ]]
 
     def write(self, folder: Path) -> list[Path]:
         """Write all files below a folder, which is made where it is missing."""
@@ -76,7 +85,7 @@ class _Writer:
 
     def __init__(self, emx: EmxFile, translator: Translator, top: Block, library: frozenset[str]):
         self.emx, self.translator, self.top, self.library = emx, translator, top, library
-        self.result = Imported(identifier(file_stem(emx.path.stem)))
+        self.result = Imported(identifier(file_stem(emx.path.stem)), emx.path.stem)
         self.names: dict[int, str] = {}
         self.texts: dict[tuple[str, str], str] = {}  # wanted name and text without its name: the name
         self.taken: set[str] = set()
@@ -192,6 +201,7 @@ class _Writer:
             part.inputs = {match.ports[name]: value for name, value in part.inputs.items()}
             own = f"{path}.{part.name}" if path else part.name
             back = {f"{own}.{n}": f"{own}.{p}" for p, n in match.parameters.items()}
+            back |= {f"{own}.{n}": f"{own}.{p}" for n, p in match.ports.items()}  # inputs from global quantities
             self.set = [(back.get(name, name), value) for name, value in self.set
                         if name in back or not name.startswith(f"{own}.")]
 

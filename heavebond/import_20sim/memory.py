@@ -12,10 +12,13 @@ from heavebond.import_20sim.choices import at_event, simplified, triggers
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.expressions_parser import Unreadable
+from heavebond.import_20sim.matrices import total
 from heavebond.import_20sim.names import identifier
 from heavebond.import_20sim.sidops_tree import Expr
 
 SAMPLE_TIME = "sampletime"
+DELAYED = "state of the delay"
+PAIRS = 3  # of states in a delay, as in the library's Delay
 
 
 class Memory:
@@ -73,6 +76,43 @@ class Memory:
             inwards = Expr("and", (Expr(back, (rate, f.number(0))), there))
             self.made.on(f"{found.name}_leaves_{side}", {"condition": f.text(inwards)}, {at_limit: f.number(0)})
         return found
+
+    def delayed(self, args: list[Expr], line: int) -> Expr:
+        """`tdelay(x, T)`: x delayed by the approximation of Pade, in the form of the library's Delay: a ladder of `PAIRS`
+        pairs of states w and z that are 0 at the start, as if x had been 0 before."""
+        if len(args) != 2:
+            raise Unreadable(line, "`tdelay` needs a value and a delay")
+        value, time = at_event(args[0], None), args[1]
+        if fold(time, {}) == 0:
+            return args[0]
+        if fold(time, {}) is None and time.op != "name":
+            name = self.made.fresh(self._name(value, "delay_time"))
+            self.made.items[name] = Item(name, "variable", "", f"delay of `tdelay` in line {line} of the SIDOPS text")
+            self.made.equations.append((f.name(name), at_event(time, None), ""))
+            time = f.name(name)
+        w, z = ([self._kept(value, f"delay_{letter}{k + 1}") for k in range(PAIRS)] for letter in "wz")
+        gaps = [Expr("-", (b, a)) for a, b in zip(w, z, strict=True)]
+        per = Expr("/", (f.number(2), time))
+        ahead = [total(gaps[k:]) for k in range(PAIRS)]
+        for k in range(PAIRS):
+            along = total([f.multiply(f.number(4.0 * j + 1), ahead[j]) for j in range(k + 1)])
+            self.made.equations.append((f.call("der", w[k]), f.multiply(per, along), "delay" if k == 0 else ""))
+            behind = Expr("-", (Expr("-", (value, w[k])), ahead[0]))
+            self.made.equations.append((f.call("der", z[k]), f.add(f.call("der", w[k]), f.multiply(
+                f.multiply(per, f.number(4.0 * k + 3)), behind)), ""))
+        self.note(line, "`tdelay` is approximated by a filter of order 6 (Pade), good up to frequencies of about 1/T; "
+                  "before the start its input counts as 0")
+        result = Expr("-", (value, f.multiply(f.number(2), ahead[0])))
+        if value.op == time.op == "name":
+            self.made.delay = result, value.name, time.name
+        return result
+
+    def _kept(self, value: Expr, ending: str) -> Expr:
+        """A new state that begins at 0."""
+        name = self.made.fresh(self._name(value, ending))
+        self.made.items[name] = Item(name, "variable", "", DELAYED)
+        self.made.initial[name] = f.number(0)
+        return f.name(name)
 
     # -- discrete functions ------------------------------------------------------------------------------------------
     def sample_time(self) -> Expr:

@@ -25,6 +25,7 @@ from heavebond.core.errors import HeavebondError
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.choices import names
 from heavebond.import_20sim.component import Component
+from heavebond.import_20sim.memory import DELAYED
 from heavebond.language import definition
 from heavebond.language.library import library
 from heavebond.text import syntax
@@ -66,16 +67,21 @@ class Law:
     inner: tuple[str, ...]
 
     @property
-    def states(self) -> set[str]:
+    def differentiated(self) -> list[syntax.Expr]:
         """What stands under `der`."""
-        return {name for e in self.equations for side in (e.left, e.right) for name in _states(side)}
+        return [found for e in self.equations for side in (e.left, e.right) for found in _differentiated(side)]
+
+    @property
+    def states(self) -> set[str]:
+        """The names of what stands under `der`."""
+        return {_plain(expr) for expr in self.differentiated}
 
 
-def _states(expr: syntax.Expr) -> Iterator[str]:
+def _differentiated(expr: syntax.Expr) -> Iterator[syntax.Expr]:
     if isinstance(expr, syntax.Call) and expr.function == "der":
-        yield _plain(expr.args[0])
+        yield expr.args[0]
     for child in syntax.children(expr):
-        yield from _states(child)
+        yield from _differentiated(child)
 
 
 def _plain(expr: syntax.Expr) -> str:
@@ -258,10 +264,10 @@ def _unit(text: str) -> str:
 # -- the comparison --------------------------------------------------------------------------------------------------------
 def recognised(made: Component, joined: set[str]) -> Match | None:
     """The component of the library with the law of an imported one, whose ports `joined` are connected."""
-    if (table := _table(made)) is not None:
-        return table
+    if (whole := _table(made) or _delay(made)) is not None:
+        return whole
     law = _imported(made, joined)
-    if law is None or made.tables:
+    if law is None or made.tables or any(not isinstance(e, syntax.Name) for e in law.differentiated):
         return None
     simplest = sorted(_candidates(), key=lambda pair: (pair[0].effect is not None, len(pair[1].inputs),
                                                        len(pair[1].parameters), len(pair[0].name), pair[0].name))
@@ -291,6 +297,18 @@ def _table(made: Component) -> Match | None:
     if given not in made.items or made.items[given].kind != "in":
         return None
     return Match("Lookup", {left.name: "y", given: "u"}, {}, {}, {}, lists={"x": "x", "v": "v"})
+
+
+def _delay(made: Component) -> Match | None:
+    """A component that is nothing but a delay of its input by a parameter."""
+    if made.delay is None or made.untranslated or made.events or made.gives:
+        return None
+    result, value, time = made.delay
+    output = next((left.name for left, right, _ in made.equations if right == result and left.op == "name"), "")
+    known = {item.name: item.kind for item in made.items.values() if item.doc != DELAYED}
+    if known != {output: "out", value: "in", time: "parameter"}:
+        return None
+    return Match("Delay", {output: "y", value: "u"}, {"T": time}, {}, {"T": "s"})
 
 
 def _assignments(made: Component, law: Law, own: definition.Component, other: Law) -> Iterator[Match]:
@@ -391,7 +409,7 @@ def _with_states(made: Component, law: Law, own: definition.Component, other: La
 
 
 def _dynamic(equation: syntax.Equation) -> bool:
-    return any(True for side in (equation.left, equation.right) for _ in _states(side))
+    return any(True for side in (equation.left, equation.right) for _ in _differentiated(side))
 
 
 def _has(equation: syntax.Equation, wanted: Sequence[str]) -> bool:

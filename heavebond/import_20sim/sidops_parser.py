@@ -173,10 +173,14 @@ def _port(reader: Reader) -> Port:
         else:
             reader.take()
     reader.skip(";")
+    doc = ""
+    while reader.now.kind == "string":
+        doc = reader.take().text[1:-1]
+        reader.skip(";")
     if not name:
         raise Unreadable(line, "a port has no name")
     direction = next((w for w in words if w in DIRECTIONS), "none")
-    return Port(name, domain, direction, line, "duplicatable" in words, tuple(size), unit, "delta" in words)
+    return Port(name, domain, direction, line, "duplicatable" in words, tuple(size), unit, "delta" in words, doc)
 
 
 def _equations(reader: Reader) -> Equations:
@@ -184,7 +188,7 @@ def _equations(reader: Reader) -> Equations:
     declared = {"constants": found.constants, "parameters": found.parameters, "variables": found.variables,
                 "externals": found.externals}
     written = {"initialequations": found.initial, "equations": found.equations, "code": found.code,
-               "dynamic": found.equations}
+               "dynamic": found.equations, "finalequations": []}  # the last ones act after the run
     while reader.now.kind != "end" and reader.now.word != "implementation_end":
         token = reader.take()
         if token.word in declared:

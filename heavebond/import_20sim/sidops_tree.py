@@ -119,6 +119,7 @@ class Port:
     size: tuple[Expr, ...] = ()
     unit: str = ""
     terminals: bool = False  # two terminals, `p_high` and `p_low`, of an element of a circuit
+    doc: str = ""
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Container, Iterable, Mapping, Set
+from dataclasses import dataclass, field, replace
 from math import isqrt
 from typing import cast
 
@@ -37,6 +37,7 @@ MATRIX_ROUNDING, TINY = 1e-9, 1e-300
 CORNERS = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_SIGN, ca.OP_FLOOR,
            ca.OP_CEIL, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_IF_ELSE_ZERO}
 
+OPPOSITE = {"<": ">=", ">": "<=", "<=": ">", ">=": "<"}
 _COMPARE: dict[str, Callable[[ca.SX, ca.SX], ca.SX]] = {
     "<": lambda a, b: a < b, "<=": lambda a, b: a <= b, ">": lambda a, b: a > b, ">=": lambda a, b: a >= b,
     "==": lambda a, b: a == b, "!=": lambda a, b: a != b,
@@ -100,13 +101,16 @@ def evaluate(expr: Expr, context: Context) -> ca.SX:
     return ca.logic_not(evaluate(expr.operand, context))
 
 
-def indicator(expr: Expr, context: Context) -> ca.SX:
+def indicator(expr: Expr, context: Context, still: Set[int] = frozenset()) -> ca.SX:
     """A condition as a number: above zero where it is true, below where it is not, and zero where it changes.
 
-    That of `a > b` is a - b; of `and` the lesser, of `or` the greater one. The unit is that of the sides compared.
+    That of `a > b` is a - b; of `and` the lesser, of `or` the greater one. The unit is that of the sides compared. What is
+    constant between events (the hashes of its symbols are in `still`) can stay equal to a bound: `n >= 2` is 1 or -1.
     """
     if isinstance(expr, Compare):
         left, right = evaluate(expr.left, context), evaluate(expr.right, context)
+        if expr.op in OPPOSITE and {s.element_hash() for s in ca.symvar(left - right)} <= still:
+            return ca.if_else(_COMPARE[expr.op](left, right), ca.SX(1), ca.SX(-1))
         if expr.op in ("<", "<="):
             return right - left
         if expr.op in (">", ">="):
@@ -114,11 +118,21 @@ def indicator(expr: Expr, context: Context) -> ca.SX:
         equal = ca.if_else(left == right, ca.SX(1), ca.SX(-1))
         return equal if expr.op == "==" else -equal
     if isinstance(expr, Logic):
-        both = indicator(expr.left, context), indicator(expr.right, context)
+        both = indicator(expr.left, context, still), indicator(expr.right, context, still)
         return ca.fmin(*both) if expr.op == "and" else ca.fmax(*both)
     if isinstance(expr, Not):
-        return -indicator(expr.operand, context)
+        return _opposite(expr.operand, context, still)
     return 2 * evaluate(expr, context) - 1  # a property of a matrix
+
+
+def _opposite(expr: Expr, context: Context, still: Set[int]) -> ca.SX:
+    """The indicator of `not ...`: that of `not n < 2` is that of `n >= 2`."""
+    if isinstance(expr, Compare) and expr.op in OPPOSITE:
+        return indicator(replace(expr, op=OPPOSITE[expr.op]), context, still)
+    if isinstance(expr, Logic):
+        both = _opposite(expr.left, context, still), _opposite(expr.right, context, still)
+        return ca.fmax(*both) if expr.op == "and" else ca.fmin(*both)
+    return -indicator(expr, context, still)
 
 
 def _name(expr: Name, context: Context) -> ca.SX:

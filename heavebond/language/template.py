@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from math import inf
 from typing import TypeVar
 
@@ -262,11 +262,12 @@ class _Builder:
 
     def _events(self) -> tuple[tuple[EventLine, ...], list[ca.SX]]:
         local = {s.element_hash(): name for group in (self.levels[0], self.held) for name, s in group.items()}
+        still = {s.element_hash() for group in (self.parameters, self.held) for s in group.values()}
         lines, happenings = [], []
         for when in self.component.when:
             condition, first, period = ca.SX(0), ca.SX(0), ca.SX(0)
             if when.key == "condition":
-                condition = self._evaluated(when.formula.tree, when.formula.place, indicator)
+                condition = self._evaluated(when.formula.tree, when.formula.place, partial(indicator, still=still))
             elif when.key == "at":
                 first = self._evaluated(when.formula.tree, when.formula.place)
             else:
