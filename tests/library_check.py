@@ -27,6 +27,7 @@ import heavebond as hb
 from heavebond.equations.flatten import Flat, flatten
 from heavebond.language.library import library
 from heavebond.language.symbols import split, stack
+from heavebond.text.shapes import whole_number
 
 Array = NDArray[np.float64]
 CHECKED: dict[str, list[str]] = {}  # component -> the tests that compare it
@@ -96,8 +97,8 @@ class Law:
             if port.count is None:
                 nodes.append(f"  {name}: [part.{name}]")
             else:
-                count = next(n for n in counts if re.search(rf"\b{n}\b", str(port.count)))
-                nodes += [f'  {name}_{k + 1}: ["part.{name}[{k + 1}]"]' for k in range(counts[count])]
+                number = whole_number(port.count, counts) or 0
+                nodes += [f'  {name}_{k + 1}: ["part.{name}[{k + 1}]"]' for k in range(number)]
         return "\n".join(["model: one", "components:", f"  part: {{{', '.join(written)}}}",
                           *(["nodes:", *nodes] if nodes else []), ""])
 

@@ -26,6 +26,16 @@ def motor(t: Array, which: int) -> Array:
     return np.asarray((final[which] + (vectors[which]*share*np.exp(values*t[:, None])).sum(axis=1)).real)
 
 
+def coupled(t: Array) -> Array:
+    """The flows of M f' = e - K q - R f, q' = f from rest, by the matrix exponential."""
+    inverse = np.linalg.inv([[2, 0.5], [0.5, 1]])
+    system = np.block([[-inverse @ np.diag([3, 2]), -inverse @ [[90, -20], [-20, 40]]], [np.eye(2), np.zeros((2, 2))]])
+    final = np.linalg.solve(system, -np.concatenate([inverse @ [6, 0], [0, 0]]))
+    values, vectors = np.linalg.eig(system)
+    share = np.linalg.solve(vectors, -final)
+    return np.asarray((final[:, None] + vectors @ (share[:, None]*np.exp(np.outer(values, t)))).real[:2])
+
+
 def swing(t: Array) -> Array:
     """6 W on 1 J, 0.01 s/W and 2 W: natural frequency 10 rad/s, damping ratio 0.1."""
     own = 10*np.sqrt(1 - 0.1**2)
@@ -115,6 +125,7 @@ CASES = [
     Case("junction0", "first.a.f", lambda t: 4 + 0*t, LAW),
     Case("junction0", "second.a.f", lambda t: 2 + 0*t, LAW),
     Case("junction1", "one.f", swing, RUN),
+    Case("junction1_field", "part.f[2]", lambda t: coupled(t)[1], "matrix exponential"),
     # eigenvalues 4 and 6 of the stiffness, 3 and 1 of the masses; the eigenvectors are (1, 1) and (1, -1)
     Case("c_field", "first", lambda t: (np.cos(2*t) + np.cos(np.sqrt(6)*t))/2, SWING, 1e-5),
     Case("i_field", "second", lambda t: (np.exp(-t/3) - np.exp(-t))/2, RUN),

@@ -137,6 +137,9 @@ CASES = [
     Case("sequencer", "1*part.y",
          lambda t: np.array([0, 5, -10])[np.searchsorted([0.2, 1.4, 2, 2.2, 3.4, 4], t + 1e-9) % 3],
          "timing diagram", 1e-9),
+    Case("state_machine", "part.y",  # ready, up, rest, down, up, rest, down, up, rest, stopped
+         lambda t: np.array([0, 0.4, 0, -0.2, 0.4, 0, -0.2, 0.4, 0, 0])[
+             np.searchsorted([1e-6, 1, 1.5, 2, 3, 3.5, 4, 5, 5.2], t + 1e-9)], "timing diagram", 1e-9),
     Case("relay", "part.y", lambda t: 24*within(t, 1/12, 0.5 + np.arcsin(0.25)/(2*PI)), LAW),
     Case("comparator", "part.y", lambda t: within(t, 1/12, 5/12), LAW),
     Case("switch", "part.y", lambda t: np.where(within(t + 0.3/(2*PI), 0, 0.5) == 1, 3, -t), LAW),

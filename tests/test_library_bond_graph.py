@@ -44,6 +44,17 @@ def test_junction_of_one_flow() -> None:
     agree(found["b[2].e"], 3*E - F)
 
 
+@checks("Junction1Field")
+def test_junction_of_common_flows() -> None:
+    """Two multi-bonds of 2 in, two out, by the definition."""
+    found = part("Junction1Field", k=2, n=2, m=2)({
+        "a[1].f": F, "a[2].f": 2*F, "a[1].e": E, "a[2].e": 3*E, "a[3].e": 2*E, "a[4].e": -E, "b[1].e": F, "b[2].e": 5*F})
+    for bond, flow in (("a[3]", F), ("a[4]", 2*F), ("b[1]", -F), ("b[2]", -2*F), ("b[3]", -F), ("b[4]", -2*F)):
+        agree(found[f"{bond}.f"], flow)
+    agree(found["b[3].e"], 3*E - F)
+    agree(found["b[4].e"], 2*E - 5*F)
+
+
 def oscillator(time: np.ndarray, e: float, inertia: float, R: float, C: float) -> tuple[np.ndarray, np.ndarray]:
     """Flow and effort of C where a step of effort e stands before I, R and C on one flow."""
     decay, swing = R/(2*inertia), np.sqrt(1/(inertia*C) - (R/(2*inertia))**2)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 
 import pytest
+from library_check import CHECKED
 
 from heavebond.language.definition import Component
 from heavebond.language.library import bundled, example, library
@@ -46,3 +48,54 @@ def test_each_example_is_named_as_a_component_and_uses_it() -> None:
         if path.stem not in stems or stems[path.stem] not in kinds:
             wrong.append(path.name)
     assert not wrong
+
+
+# What users of hydraulics, pneumatics, mechanisms, drives and control look for, and the components by which they find it
+WANTED = {
+    "load-sensing pump": "LoadSensingPump", "power-controlled pump": "PowerControlledPump",
+    "efficiency maps": "MappedPump", "ripple of a pump": "PistonPump",
+    "pressure compensator": "PressureCompensator", "priority valve": "PriorityValve",
+    "sequence valve": "SequenceValve", "unloading valve": "UnloadingValve", "pilot-operated relief valve": "PilotReliefValve",
+    "proportional pressure valve": "ProportionalReliefValve ProportionalReducingValve", "cartridge valve": "LogicValve",
+    "flow divider and combiner": "FlowDivider RotaryFlowDivider", "spool and poppet": "SpoolEdge Poppet",
+    "two-stage servo valve": "TwoStageServoValve43", "frequency-dependent friction": "DynamicLine",
+    "column separation, release of gas": "Cavitation CavitatingVolume", "height differences": "HeightDifference",
+    "bends and tees": "Bend Tee", "cooler": "OilCooler", "centrifugal pump": "CentrifugalPump",
+    "telescopic and rotary actuators": "TelescopicCylinder RotaryActuator", "intensifier": "PressureIntensifier",
+    "gas accumulator with heat": "GasAccumulatorWithHeat", "valve from a table": "TabulatedValve",
+    "pneumatic source by a measured pressure": "ControlledPneumaticSource", "air motor": "AirMotor",
+    "muscle": "PneumaticMuscle", "ejector": "Ejector", "soft start": "SoftStartValve",
+    "seal friction on a pneumatic port": "PneumaticSealFriction", "friction pressed by any force": "PressedFriction",
+    "differential": "Differential", "screw": "LeadScrew PowerScrew", "cam": "Cam", "self-locking gear": "WormGear",
+    "one-way clutch": "OneWayClutch", "locking clutch and brake": "LockingClutch", "rope drum with layers": "WinchDrum",
+    "tyre": "Tyre", "solenoid": "Solenoid", "diode": "Diode", "electrical switch": "ElectricalSwitch",
+    "PMSM": "SynchronousMotor", "stepper": "StepperMotor", "induction drive": "InductionMotor",
+    "inverter averaged and switched": "AveragedInverter HalfBridge", "bumpless PID": "SwitchablePID", "notch": "NotchFilter",
+    "lead-lag": "LeadLag", "Kalman filter": "KalmanFilter", "state machine": "StateMachine Sequencer",
+    "impact between two bodies": "RigidStop RotationalRigidStop",
+    "planar body": "PlanarBody", "planar joints": "RevoluteJoint PrismaticJoint", "rigid link": "RigidLink",
+    "planar springs and dampers": "PlanarSpring PlanarStrut", "wheel": "RollingWheel", "pulley with rope": "RopeStrand",
+    "planar cam": "PlanarCam", "planar gear pair": "PlanarGear", "contact with friction": "PlanarContact",
+    "planar sensors": "PlanarSensor PlanarVelocitySensor PlanarForceSensor DistanceSensor",
+    "to one-dimensional translation and rotation": "PlanarSlider PlanarShaft",
+    "fields": "CField IField RField TFField GYField", "modulated fields": "MCField MIField MRField MTFField MGYField",
+    "junction of multi-bonds": "Junction1Field",
+    "oil with temperature": "Oil OilVolume OilLine OilCylinder OilOrifice OilReliefValve", "pump that heats": "OilPump",
+    "adapter to hydraulic": "HydraulicAdapter",
+}
+EFFECTS = ("Cavitation", "PneumaticSealFriction")  # what may be missing from a diagram without anybody having drawn it
+
+
+@pytest.mark.parametrize("item", WANTED)
+def test_what_users_look_for_is_there(item: str) -> None:
+    """Each with parameters of a data sheet (words for all), source, symbol, example, page and a comparison by a test."""
+    importlib.import_module("test_library_checked")  # which imports all comparisons
+    for name in WANTED[item].split():
+        assert name in COMPONENTS, name
+        assert lacks(COMPONENTS[name]) == []
+        assert name in CHECKED
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_effects_of_the_list_are_candidates(name: str) -> None:
+    assert COMPONENTS[name].effect is not None

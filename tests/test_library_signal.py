@@ -340,6 +340,30 @@ simulate: {until: 1 s, every: 50 ms}
     agree(result["part.y"], np.interp(result.time, [0, 0.5, 1], [1e-3, 3e-3, -2e-3]), size=1e-3)
 
 
+@checks("StateMachine")
+def test_state_machine_takes_the_first_released_transition() -> None:
+    """By hand: state 2 may go to 3 (after 0.5 s) or to 1; its value, the active state, the transition that comes first."""
+    law = part("StateMachine", n=3, y_s="[2 V, 5 V, -10 V]", to="[3, 1, 1]", T="[0.5 s, 0.1 s, 0.1 s]",
+               **{"from": "[2, 2, 3]"})
+    released = {"u[1]": 1.0, "u[2]": 1.0, "u[3]": 0.2}
+    found = law({"state": np.array([1.0, 2, 3]), "t_0": 0.0, "time": 1.0, **released})
+    agree(found["y"], [2.0, 5.0, -10.0])
+    agree(found["x[2]"], [0.0, 1.0, 0.0])
+    agree(found["next[3]"][1:], [3.0, 1.0])  # where none is released, that with the largest release
+    agree(found["r_m[3]"], [-1.0, 0.5, -0.3])
+    agree(law({"state": 2.0, "t_0": 0.7, "time": 1.0, **released})["next[3]"], 1.0)  # the first one needs 0.5 s
+    events = run("""
+model: one
+components:
+  button: {is: SquareWave, high: 1, T: 2 s}
+  part:   {is: StateMachine, n: 3, y_s: [0, 1, 2], from: [1, 2, 3], to: [2, 3, 1], T: [0.3 s, 0.2 s, 1 us],
+           u: [=button.y, 1, =1 - button.y]}
+nodes: {button: [button.y], command: [part.y]}
+simulate: {until: 3.9 s, every: 10 ms}
+""").events
+    agree([time for time, name in events if name == "part.transition"], [0.3, 0.5, 1.0, 2.0, 2.2, 3.0], 1e-9)
+
+
 @checks("Sequencer")
 def test_sequencer_by_a_timing_diagram() -> None:
     """A step ends when its time is over and the release is up; it is up in the first half of each second."""
