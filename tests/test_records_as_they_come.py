@@ -502,3 +502,28 @@ simulate: {until: 1 s, every: 20 ms}
     assert run["load.x"][0] == pytest.approx(-10 * 9.81 / 1e3, rel=1e-8)
     assert run.sensitivity("load.x", "spring.c")[0] == pytest.approx(10 * 9.81 / 1e3**2, rel=1e-6)
     assert run["damper.F"][0] == pytest.approx(-200 * 0.03, rel=1e-3)  # the run itself begins with the inputs moving
+
+
+def test_a_record_without_a_steady_start_is_named_with_its_inputs(tmp_path: Path) -> None:
+    """A command that is not zero as the record begins keeps a body in motion: not to be seen in the diagram itself."""
+    t = np.arange(0.0, 2.0, 0.02)
+    write(tmp_path / "still.csv", {"t": t, "u": 2 * np.sin(3 * t), "x": 0 * t})
+    write(tmp_path / "pushed.csv", {"t": t, "u": 2 + np.sin(3 * t), "x": 0 * t})
+    (tmp_path / "rig.yaml").write_text("""
+model: rig
+components: {push: {is: ForceSource, u: 0 N}, load: {is: Mass, m: 10 kg}}
+nodes: {load: [push.a, load.a]}
+initial: {start: steady, load.x: 0 m}
+""", encoding="utf-8")
+    (tmp_path / "measured.yaml").write_text("""
+experiment: measured
+model: rig.yaml
+records: {still: {file: still.csv, use: fit}, pushed: {file: pushed.csv, use: validate}}
+time: {column: t, unit: s}
+inputs: {push.u: {column: u, unit: N, interpolation: linear}}
+outputs: {load.x: {column: x, unit: m, noise: 1 mm}}
+""", encoding="utf-8")
+    with pytest.raises(hb.StartError) as refused:
+        hb.compare(tmp_path / "measured.yaml")
+    assert "push.u is held at 2 N, its value at the start\n" in str(refused.value)
+    assert "in record pushed\n" in str(refused.value)

@@ -201,6 +201,7 @@ def test_suggestions() -> None:
     assert suggest("x" * 10_000, ["x" * 9_999]) == ""
     assert suggest("valve", ["spring"]) == ""
     assert suggest("K_p", ["wave.a", "controller.K_p", "k"]) == "Did you mean 'controller.K_p'?"
+    assert suggest("lineA.p", ["lineB.a.p", "lineA.p_a", "lineA.a.p"]) == "Did you mean 'lineA.a.p'?"
 
 
 # -- any text --------------------------------------------------------------------------------------------------------

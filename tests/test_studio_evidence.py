@@ -190,6 +190,15 @@ def test_what_the_names_leave_open_follows_from_units_or_stays_open(rig: Path, t
     assert any("remark" in remark for remark in found.remarks) and any("drives" in remark for remark in found.remarks)
 
 
+def test_a_column_that_names_its_place_is_compared_there(rig: Path, tmp_path: Path) -> None:
+    """Whatever the diagram shows: its unit tells the quantity. Where two places could be meant, none is."""
+    rows = "".join(f"{t / 10:g};{t};{t};{t};{t};{t}\n" for t in range(20))
+    (tmp_path / "log.csv").write_text("time [s];shaker [mm];load [mm];load speed [m/s];v_deck [m/s];spring position [mm]\n"
+                                      + rows, encoding="utf-8")
+    found = propose(read_table(tmp_path / "log.csv"), assemble(hb.load(rig / "rig.yaml")))
+    assert [c.target for c in found.columns] == ["", "shaker.u", "load.x", "load.v", "deck.v", ""]
+
+
 def test_an_input_that_steps_is_held_between_its_samples(rig: Path, tmp_path: Path) -> None:
     def between(course: Callable[[float], float]) -> str:
         rows = "".join(f"{t / 50:g},{course(t / 50):.2f},{t}\n" for t in range(500))

@@ -15,7 +15,7 @@ from heavebond.language.lists import lengths, short, written_out
 from heavebond.language.model import Model
 from heavebond.language.sections import Setting
 from heavebond.language.values import bounds_text, check_bounds, check_dimension
-from heavebond.text.expression import Number
+from heavebond.text.expression import Number, names
 from heavebond.text.shapes import whole_number
 
 DEEPEST_BLOCK = 20
@@ -28,6 +28,11 @@ class Bound:
     value: Value | FileInput
     scope: str
     place: Place
+
+    @property
+    def varies(self) -> bool:
+        """Whether a measured file or a formula in time gives the value."""
+        return isinstance(self.value, FileInput) or any(n.text == "time" for n in names(self.value.expr))
 
 
 @dataclass(frozen=True)

@@ -210,6 +210,8 @@ def compare(experiment: Experiment | str | Path, *, parameters: Mapping[str, flo
         except (ModelError, DataError) as error:
             problems.extend(error)
             kinds.add(type(error))
+        except (StartError, SimulationError) as error:
+            raise type(error)([replace(p, notes=(*p.notes, f"in record {record.name}")) for p in error.problems]) from error
     problems.raise_as(DataError if kinds == {DataError} else ModelError)
     for record_comparison in records.values():
         report_verdict(f"{experiment.name}, {record_comparison.name}", record_comparison.result.verdict)

@@ -20,12 +20,16 @@ from heavebond.core.units import Unit, UnitProblem, dimension_text, read_unit
 from heavebond.equations.parameters import declared
 from heavebond.estimation.change import block, quoted
 from heavebond.estimation.diagram_files import extended_from
-from heavebond.language.definition import FileInput, Value
+from heavebond.language.definition import Value
 from heavebond.language.model import Model
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.records.measurements import Table, read_table, timed
-from heavebond.text.expression import Number, names
+from heavebond.text.expression import Number
 
+# words and letters for a quantity, which say nothing of the place where it was measured
+QUANTITIES = frozenset({"pressure", "p", "flow", "q", "force", "f", "torque", "moment", "m", "speed", "velocity", "v", "w",
+                        "n", "position", "displacement", "x", "angle", "phi", "temperature", "t", "voltage", "u", "current",
+                        "i", "tau"})
 TIMES = frozenset({"t", "time", "times", "zeit", "tid", "temps", "seconds", "sec", "timestamp", "clock", "date", "datetime"})
 SKETCHED = 160  # points of a column in the sketch of its course
 STEPPING, STEP = 0.2, 0.05  # share of samples that differ from the one before, and of the range that a usual step is
@@ -84,7 +88,9 @@ def propose(table: Table, assembly: Assembly) -> Proposal:
     units = {name: table.unit_of(name) for name in table.header}
     # a diagram that names no outputs may be compared by the variables of its own parts and nodes
     likely = outputs or [t for t in signals if t.name.count(".") == 1]
-    chosen = _matched([n for n in table.header if n in table.columns and n != time], units, [*inputs, *likely])
+    able = [n for n in table.header if n in table.columns and n != time]
+    chosen = _matched(able, units, [*inputs, *likely])
+    chosen |= _by_place([n for n in able if n not in chosen], units, [t for t in signals if t not in chosen.values()])
     columns, remarks = [], []
     for name in table.header:
         if name not in table.columns:
@@ -155,11 +161,8 @@ def _inputs(assembly: Assembly) -> list[_Target]:
         nodes = [path for path, junction in expanded.junctions.items() if any(e.leaf == leaf.path for e in junction.ends)]
         for name, bound in leaf.inputs.items():
             port = leaf.component.signals[name]
-            value = bound.value
-            driving = isinstance(value, FileInput) or \
-                (isinstance(value, Value) and any(n.text == "time" for n in names(value.expr)))
             words = frozenset({*_words(leaf.path), *(w for node in nodes for w in _words(node))})
-            found.append(_Target(f"{leaf.path}.{name}", port.unit, port.doc, words, "input", driving))
+            found.append(_Target(f"{leaf.path}.{name}", port.unit, port.doc, words, "input", bound.varies))
     return sorted(found, key=lambda t: not t.driving)
 
 
@@ -207,6 +210,25 @@ def _matched(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] 
     return found
 
 
+def _by_place(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] | None], signals: Sequence[_Target]
+              ) -> dict[str, _Target]:
+    """The variable of a node or port for each column that names its place (`p_B [bar]`, `motor speed [rpm]`): it has the
+    column's unit, and its path holds every word of the column but those for the quantity, which the unit tells. The shortest
+    such path is meant; where several are as short, none is."""
+    places = {t: _words(path) for t in signals for path, _, member in [t.name.rpartition(".")] if member in QUANTITIES}
+    found: dict[str, _Target] = {}
+    for column in columns:
+        given = units[column]
+        if given is None or not (place := _words(_bare(column, given)) - QUANTITIES):
+            continue
+        fit = [t for t, words in places.items()
+               if t.unit.dimension == given[1].dimension and place <= words and t not in found.values()]
+        shortest = [t for t in fit if len(places[t]) == min(len(places[f]) for f in fit)]
+        if len(shortest) == 1:
+            found[column] = shortest[0]
+    return found
+
+
 def _words(text: str) -> set[str]:
     """The words of a name, small: `deckPos_mm` is deck, pos, mm."""
     parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", text)
@@ -218,13 +240,17 @@ def _spelt(text: str) -> str:
     return re.sub(r"[\W_]+", "", text).lower()
 
 
+def _bare(name: str, unit: tuple[str, Unit, bool] | None) -> str:
+    """The name of a column without its unit."""
+    return re.sub(rf"[\[(_ ]+{re.escape(unit[0])}[\])]*$", "", name) if unit is not None else name
+
+
 def _likeness(name: str, unit: tuple[str, Unit, bool] | None, target: _Target) -> float:
     """How many words two names share; one that begins another counts half, the same name one more. Single letters, which
     mean something else in every file, count nothing by themselves but decide between names that are alike."""
     column = _words(name)
     same = sum(1.0 if len(word) > 1 else LETTER for word in column & target.words)
-    bare = re.sub(rf"[\[(_ ]+{re.escape(unit[0])}[\])]*$", "", name) if unit is not None else name
-    same += _spelt(bare) in (_spelt(target.name), _spelt(target.doc))
+    same += _spelt(_bare(name, unit)) in (_spelt(target.name), _spelt(target.doc))
     short = sum(0.5 for a in column for b in target.words if a != b and min(len(a), len(b)) >= SHORT
                 and (a.startswith(b) or b.startswith(a)))
     return same + short if same + short >= 0.5 else 0.0

@@ -195,10 +195,20 @@ def _no_rest(equations: StartEquations, point: Point, conflict: Sequence[StartRo
     units = {f"steady: der({name}) = 0": (assembly.flat.unknowns[j].unit.text + "/s" * (order + 1)).replace("/s/s", "/s**2")
              for name, (j, order) in zip(assembly.state_names, assembly.reduced.states, strict=True)}
     notes = tuple(f"{row.label.removeprefix('steady: ').removesuffix(' = 0')} stays at {raw[row]:.4g} {units[row.label]}"
-                  for row in conflict)
+                  for row in conflict) + _inputs_held(assembly, point)
     return Problem("start-unsteady", "this machine has no steady state, or none that can be reached from the guess",
                    conflict[0].place, f"Something must hold or balance what moves there{_balances(equations, conflict)}."
                    "\nOr begin without `start: steady`, or give guesses (`~`) near the equilibrium.", notes)
+
+
+def _inputs_held(assembly: Assembly, point: Point) -> tuple[str, ...]:
+    """A line for each input that a file or a formula in time drives: a steady start holds it at its first value."""
+    flat = assembly.flat
+    values = np.array(assembly.values(*point.values())).ravel()
+    driven = [f"{leaf.path}.{name}" for leaf in flat.expanded.leaves.values() for name, bound in leaf.inputs.items()
+              if bound.varies]
+    return tuple(f"{name} is held at {readable(float(values[j]), flat.unknowns[j].unit.text, 4)}, its value at the start"
+                 for name in driven if (j := flat.names.get(name)) is not None)
 
 
 def _balances(equations: StartEquations, conflict: Sequence[StartRow]) -> str:
