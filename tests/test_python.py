@@ -53,6 +53,17 @@ def test_the_package_says_that_it_has_types() -> None:
     assert (Path(hb.__file__).parent / "py.typed").exists()
 
 
+def test_a_diagram_may_be_given_by_its_file_or_bundled_name(tmp_path: Path) -> None:
+    model = hb.load("passive_rig")
+    assert hb.state_space("passive_rig", ["platform.f"], ["crown.x"]).a.tolist() == \
+        hb.state_space(model, ["platform.f"], ["crown.x"]).a.tolist()
+    assert hb.draw(str(model.path)) == hb.draw(model)
+    for call in (hb.assemble, hb.simulate, hb.audit, hb.simplify):
+        with pytest.raises(hb.UsageError) as refused:
+            call(tmp_path / "none.yaml")
+        assert refused.value.problems[0].code == "file-missing"
+
+
 def test_signals_in_si_and_in_the_units_of_the_diagram() -> None:
     model = hb.loads("""
 model: slider

@@ -32,7 +32,7 @@ from heavebond.core.presentation import brief, count, number, readable
 from heavebond.core.reporting import cancellable
 from heavebond.core.units import read_unit
 from heavebond.equations.flatten import Energetics
-from heavebond.language.model import Model
+from heavebond.language.model import ModelOrFile
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.result import Result
@@ -177,7 +177,7 @@ class EnergyAudit:
 
 
 @cancellable
-def audit(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
+def audit(model: ModelOrFile | Assembly, until: Time | None = None, *, every: Time | None = None,
           parameters: Mapping[str, float | str] | None = None, rtol: float = 1e-9, atol: float = 1e-11) -> EnergyAudit:
     """Simulate a diagram and account for its energy: what each component stores, dissipates and supplies, in J.
 

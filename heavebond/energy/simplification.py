@@ -23,7 +23,7 @@ from heavebond.energy.audit import EnergyAudit, EnergyLine, audit
 from heavebond.equations.flatten import Flat
 from heavebond.estimation.change import Change
 from heavebond.estimation.diagram_files import extended_from
-from heavebond.language.model import Model, extended
+from heavebond.language.model import Model, ModelOrFile, extended, loaded
 from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, assemble
 from heavebond.numerics.result import Result
@@ -103,7 +103,7 @@ class Simplified:
 
 
 @reporting
-def simplify(model: Model, share: float | str = 0.99, limit: float | str = 0.05, *, until: Time | None = None,
+def simplify(model: ModelOrFile, share: float | str = 0.99, limit: float | str = 0.05, *, until: Time | None = None,
              every: Time | None = None, found: EnergyAudit | None = None,
              progress: Callable[[str], None] = lambda text: None) -> Simplified:
     """Neutralise the components beyond `share` of the activity, as far as no output moves by more than `limit`.
@@ -112,6 +112,7 @@ def simplify(model: Model, share: float | str = 0.99, limit: float | str = 0.05,
     run. `model`, `until` and `every` are those of `simulate`; `found` is the audit of the diagram where it exists.
     `progress` is called with the name of each component. Raises what `simulate` raises.
     """
+    model = loaded(model)
     share, limit = si_value(share, "1", "share"), si_value(limit, "1", "limit")
     found = found or audit(model, until, every=every)
     whole = found.result

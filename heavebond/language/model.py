@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from heavebond.core import facade
 from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, Problems, UsageError, listing, suggest
@@ -143,6 +143,9 @@ def _like(value: Value, before: Value | FileInput | None) -> Value:
     return value
 
 
+ModelOrFile: TypeAlias = Model | str | Path
+
+
 def load(name: str | Path) -> Model:
     """Load a diagram: the path of a file, or the `name` of a bundled one (`cmc_ahc`, `cmc_ahc/passive`).
 
@@ -157,6 +160,11 @@ def loads(text: str, folder: Path | str = ".") -> Model:
     Raises ModelError with the lines that are wrong.
     """
     return from_source(parse(text, Path(folder) / "text.yaml", "text"), ())
+
+
+def loaded(model: ModelOrFile) -> Model:
+    """A diagram itself, or the one that the path of its file or its bundled name means (see `load`)."""
+    return model if isinstance(model, Model) else load(model)
 
 
 def find(name: str | Path, head: str = "model") -> Path:

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from heavebond.core.errors import Problem, UsageError, listing
 from heavebond.core.presentation import brief, count
 from heavebond.core.units import dimension_text, read_unit
-from heavebond.language.model import Model
+from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.linear.disturbance import inner_name
 from heavebond.linear.linearisation import Linear, Linearisation
 from heavebond.linear.operating_point import OperatingPoints
@@ -225,7 +225,7 @@ class StateSpace:
         return self.a * sizes / sizes[:, None], self.b / sizes[:, None], self.c * sizes
 
 
-def state_space(model: Model, inputs: Sequence[str], outputs: Sequence[str], *, at: Time | None = None,
+def state_space(model: ModelOrFile, inputs: Sequence[str], outputs: Sequence[str], *, at: Time | None = None,
                 parameters: Mapping[str, float | str] | None = None) -> StateSpace:
     """A diagram linearised between inputs and outputs: x' = A x + B w, y = C x + D w.
 
@@ -242,8 +242,9 @@ def state_space(model: Model, inputs: Sequence[str], outputs: Sequence[str], *, 
 class StateSpaces:
     """A diagram between inputs and outputs, compiled once, linearised for any parameters."""
 
-    def __init__(self, model: Model, inputs: Sequence[str], outputs: Sequence[str], at: Time | None = None):
+    def __init__(self, model: ModelOrFile, inputs: Sequence[str], outputs: Sequence[str], at: Time | None = None):
         self.inputs, self.outputs = tuple(dict.fromkeys(inputs)), tuple(dict.fromkeys(outputs))
+        model = loaded(model)
         plain = OperatingPoints(model, at, also=_named(model, self.outputs))
         known = plain.assembly.parameter_names
         self._added = [name for name in self.inputs if name not in known]

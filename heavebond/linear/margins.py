@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from heavebond.core.errors import Problem, UsageError
-from heavebond.language.model import Model
+from heavebond.language.model import ModelOrFile
 from heavebond.linear import loop_crossings as crossing
 from heavebond.linear.linear_system import StateSpace, StateSpaces, spread
 from heavebond.linear.stability import MARGINAL, STABLE, UNSTABLE, Stability
@@ -121,7 +121,7 @@ class Margins(Crossings):
     """The margins of a loop that is stable when closed, free modes and integrators outside apart."""
 
 
-def loops(model: Model, signal: str, at: Time | None = None) -> StateSpaces:
+def loops(model: ModelOrFile, signal: str, at: Time | None = None) -> StateSpaces:
     """The closed loop from what is added to a signal to the signal itself, in SI whatever `show:` says of that name."""
     return StateSpaces(model, [signal], [f"({signal})"], at)
 
@@ -203,7 +203,7 @@ def _delayed(of: crossing.Transfer, closed: Stability) -> tuple[str, tuple[str, 
     return (MARGINAL, tuple(e.text for e in left)) if left else (STABLE, ())
 
 
-def loop_crossings(model: Model, signal: str, *, at: Time | None = None,
+def loop_crossings(model: ModelOrFile, signal: str, *, at: Time | None = None,
                    parameters: Mapping[str, float | str] | None = None, dead_time: Time = 0.0) -> Crossings:
     """The crossings of the loop through a signal, also of an unstable one.
 
@@ -214,8 +214,8 @@ def loop_crossings(model: Model, signal: str, *, at: Time | None = None,
     return crossings(open_loop(closed), closed.stability(), dead_time=seconds(dead_time, "dead_time"))
 
 
-def loop_margins(model: Model, signal: str, *, at: Time | None = None, parameters: Mapping[str, float | str] | None = None,
-                 dead_time: Time = 0.0) -> Margins:
+def loop_margins(model: ModelOrFile, signal: str, *, at: Time | None = None,
+                 parameters: Mapping[str, float | str] | None = None, dead_time: Time = 0.0) -> Margins:
     """The stability margins of the loop through a signal.
 
     The loop is cut at `signal`: L is the open loop, and the closed loop has the poles of 1/(1 + L). Gain margins are

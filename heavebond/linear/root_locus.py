@@ -12,7 +12,7 @@ from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.quantities import si_range
 from heavebond.core.units import Range
 from heavebond.equations.parameters import check_ranges
-from heavebond.language.model import Model
+from heavebond.language.model import ModelOrFile, loaded
 from heavebond.linear.linearisation import Linear, Linearisation
 from heavebond.linear.operating_point import OperatingPoints
 from heavebond.linear.stability import Stability, eigenvalues
@@ -36,7 +36,7 @@ class RootLocus:
     stability: tuple[Stability, ...]
 
 
-def root_locus(model: Model, parameter: str, span: Range | str, *, at: Time | None = None, points: int = POINTS
+def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Time | None = None, points: int = POINTS
                ) -> RootLocus:
     """The poles of a diagram over a span of a parameter: `root_locus(model, "controller.K_p", "0 .. 10 1/m")`.
 
@@ -45,7 +45,7 @@ def root_locus(model: Model, parameter: str, span: Range | str, *, at: Time | No
     where fewer than two values have an operating point.
     """
     span = si_range(span, parameter)
-    operating = OperatingPoints(model, at)
+    operating = OperatingPoints(loaded(model), at)
     linearisation = Linearisation(operating.assembly)
     check_ranges({q.name: q.unit for q in operating.assembly.flat.parameters}, {parameter: span})
 

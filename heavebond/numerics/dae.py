@@ -19,7 +19,7 @@ from heavebond.core.units import UnitProblem, check_unit, parse_quantity
 from heavebond.equations.flatten import Flat, flatten
 from heavebond.equations.reduce import Reduced, reduce
 from heavebond.equations.resolver import Resolver
-from heavebond.language.model import Model
+from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.impulses import with_impulses
 from heavebond.text.expression import Expr, ExpressionProblem
@@ -168,15 +168,16 @@ class Assembly:
         return ca.jtimes(value, low, high) + ca.jtimes(value, t, rate)
 
 
-def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Assembly:
+def assemble(model: ModelOrFile, also: Iterable[str] = (), widths: float = 1.0) -> Assembly:
     """Assemble a diagram: flatten, reduce the index and compile x' = f(t, x, z, p), 0 = g(t, x, z, p).
 
-    An Assembly serves many runs. `also` names positions that no equation uses; `widths` is a factor on the widths of all
-    regularised transitions. Raises ModelError with all that is wrong in the diagram. Sources: C. C. Pantelides, 1988,
-    doi:10.1137/0909014; S. E. Mattsson, G. Soederlind, 1993, doi:10.1137/0914043.
+    `model` is a diagram, or the path or bundled name of one. An Assembly serves many runs. `also` names positions that no
+    equation uses; `widths` is a factor on the widths of all regularised transitions. Raises ModelError with all that is
+    wrong in the diagram. Sources: C. C. Pantelides, 1988, doi:10.1137/0909014; S. E. Mattsson, G. Soederlind, 1993,
+    doi:10.1137/0914043.
     """
     with put_off():
-        flat = flatten(model, sorted(set(also)), widths)
+        flat = flatten(loaded(model), sorted(set(also)), widths)
         check()
         reduced = reduce(flat)
         check()

@@ -23,7 +23,7 @@ from heavebond.core.reporting import cancellable
 from heavebond.equations.connect import connect
 from heavebond.equations.parameters import formula_order
 from heavebond.language.definition import Value
-from heavebond.language.model import Model
+from heavebond.language.model import Model, ModelOrFile
 from heavebond.language.sections import Condition
 from heavebond.language.symbols import split
 from heavebond.numerics.dae import Assembly, assemble
@@ -41,7 +41,7 @@ MOST_FILLED = 1000
 
 
 @cancellable
-def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
+def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every: Time | None = None,
              parameters: Mapping[str, float | str] | None = None, also: Iterable[str] = (),
              sensitivities: Iterable[str] = (), rtol: float = 1e-8, atol: float = 1e-10,
              solver: str | None = None, allow_fmu: bool = False) -> Result:
@@ -52,8 +52,8 @@ def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time 
     in SI or as text with a unit. `also` names positions that no equation uses; `sensitivities` names parameters for
     `result.sensitivity`. The error of each step is controlled to `rtol` and to `atol` times the nominal size of each
     unknown. `solver` is idas, cvodes, rosenbrock or auto (see `solvers` and `run_by_auto`), by default that of the
-    diagram, else auto. FMUs are executed with `allow_fmu` only. An Assembly as `model` is used without assembling it
-    again.
+    diagram, else auto. FMUs are executed with `allow_fmu` only. `model` is a
+    diagram, the path or bundled name of one, or an Assembly, which is used without assembling it again.
 
     Warns (RunWarning) unless the verdict of the run (`result.verdict`) is clean. Raises ModelError for an invalid
     diagram, UsageError for wrong arguments or an unsuitable solver, StartError where no consistent initial values exist

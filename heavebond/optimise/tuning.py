@@ -16,7 +16,7 @@ from heavebond.core.progress import Progress, numbered
 from heavebond.core.reporting import reporting
 from heavebond.estimation.change import block, quoted
 from heavebond.estimation.diagram_files import extended_from, quantity
-from heavebond.language.model import Model
+from heavebond.language.model import Model, ModelOrFile
 from heavebond.linear.floquet import FLOQUET, largest_multiplier
 from heavebond.linear.rest_stability import Stability, crossing, describe
 from heavebond.numerics.dae import Array, Assembly, assemble
@@ -68,7 +68,7 @@ class Tuned:
 
 
 @reporting
-def tune(model: Model | Assembly | Objective, task: TuningProblem, *, explore: int = 5, starts: int = 1, seed: int = 0,
+def tune(model: ModelOrFile | Assembly | Objective, task: TuningProblem, *, explore: int = 5, starts: int = 1, seed: int = 0,
          method: str = "trust", most_steps: int = 30, progress: Progress | None = None,
          partial: bool = False) -> Tuned:
     """Minimise the cost of a tuning problem over its free parameters, within their ranges and limits.

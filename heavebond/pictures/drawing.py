@@ -11,7 +11,7 @@ from heavebond.equations.connect import Network, connect
 from heavebond.equations.expand import Expanded, expand
 from heavebond.language.definition import Component
 from heavebond.language.library import domains
-from heavebond.language.model import Model
+from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.pictures.colour_map import FADED, Paint
 from heavebond.pictures.layout import Drawn, Item, Options, Strand, lay_out
 from heavebond.pictures.pictograms import SIDES, STRAIGHT, Anchor, Mark, Shape, box, symbol
@@ -40,7 +40,7 @@ OTHER, QUIET, WARNING, HALO = "#444444", "#5f6368", "#c2410c", "#ffe3d1"
 WIDTHS = {"signal": 1.1}
 
 
-def draw(model: Model, *, open: Iterable[str] = (), open_all: bool = False, values: bool = False,
+def draw(model: ModelOrFile, *, open: Iterable[str] = (), open_all: bool = False, values: bool = False,
          highlight: Mapping[str, str] | Iterable[str] = (), colour: Paint | None = None) -> str:
     """The diagram as the text of an SVG file; the same diagram gives the same text.
 
@@ -53,7 +53,7 @@ def draw(model: Model, *, open: Iterable[str] = (), open_all: bool = False, valu
     Raises ModelError for a diagram or a symbol
     that cannot be read, UsageError for names that the diagram does not have.
     """
-    expanded = expand(model)
+    expanded = expand(loaded(model))
     return draw_expanded(expanded, connect(expanded), open=open, open_all=open_all, values=values, highlight=highlight,
                          colour=colour)[0]
 
