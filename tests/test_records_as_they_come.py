@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.signal import lfilter
 
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import fit
-from heavebond.estimation.records import held_out, measure, merged
+from heavebond.estimation.records import correlation_time, measure, merged
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 MODEL = """
@@ -95,38 +96,53 @@ def near_noise(chi2: float, n: int) -> bool:
     return abs(chi2 - 1) < 4 * np.sqrt(2 / n)
 
 
-# -- blocks held out -----------------------------------------------------------------------------------------------
-def test_every_third_stretch_of_a_lone_record_is_held_out(tmp_path: Path) -> None:
+# -- what is held out of a lone record -----------------------------------------------------------------------------------
+def later(found: hb.Comparison) -> Array:
+    """Which samples of load.x are held out."""
+    part = found.records["one"].validate
+    assert part is not None
+    return part.channels["load.x"].counts
+
+
+def test_the_last_third_of_a_lone_record_is_held_out_after_a_correlation_time(tmp_path: Path) -> None:
+    """8 s, of which the last third begins at 5.33 s; the channels swing at 1 to 2 Hz, so that the gap is a fraction of a
+    second."""
     found = compare(experiment(tmp_path, record()))
     part = found.records["one"]
     assert part.validate is not None and part.validate.use == "validate"
     assert [p.name for p in found.parts] == ["one", "one, held out"]
+    gap = max(correlation_time(c.time, c.measured) for c in part.channels.values())
+    assert 0.04 < gap < 1
     for name, channel in part.channels.items():
-        checking = part.validate.channels[name]
-        assert not (channel.counts & checking.counts).any() and (channel.counts | checking.counts).all()
-        assert checking.counts.mean() == pytest.approx(1 / 3, abs=0.01)
-        # the model is right and runs through all stretches: each part sees its own noise
+        checking, time = part.validate.channels[name], channel.time
+        assert time[channel.counts][-1] == pytest.approx(16 / 3, abs=0.02)
+        assert time[checking.counts][0] == pytest.approx(16 / 3 + gap, abs=0.02) and checking.counts[-1]
+        assert not (channel.counts & checking.counts).any()
+        # the model is right and runs through all: each part sees its own noise
         assert near_noise(channel.chi2, int(channel.counts.sum())) and near_noise(checking.chi2, int(checking.counts.sum()))
-    assert "every third stretch" in notes(found)
+    assert "one correlation time, are left out of both" in notes(found)
     assert found.as_dict()["one"]["validate"]["channels"]["load.x"]["samples"] == int(checking.counts.sum())
 
 
-def test_stretches() -> None:
-    time = np.arange(0, 12.01, 0.25)
-    out = held_out(time, 0.0, 12.0, 12)
-    assert set(np.floor(time[out]).tolist()) == {2, 5, 8, 11, 12}  # the end belongs to the last stretch
-    assert not out[(time >= 3) & (time < 5)].any()
+def test_correlation_time_by_hand() -> None:
+    """exp(-t/T) falls below 1/e at T: a lag of first order driven by white noise. White noise: one sample."""
+    random, t = np.random.default_rng(5), np.arange(20_000) * 0.01
+    x = lfilter([1.0], [1.0, -np.exp(-0.01 / 0.5)], random.normal(size=len(t)))
+    assert correlation_time(t, x) == pytest.approx(0.5, rel=0.2)
+    assert correlation_time(t, random.normal(size=len(t))) == pytest.approx(0.01)
+    assert correlation_time(t, np.ones(len(t))) == pytest.approx(0.01)
 
 
 def test_held_out_samples_are_not_fitted(tmp_path: Path) -> None:
-    """Samples held out are moved by 5 mm: the fit does not see it, the held-out figures do."""
+    """Samples held out, and those in the gap, are moved by 5 mm: the fit does not see it, the held-out figures do."""
     columns = record()
     clean = fit(experiment(tmp_path, columns))
-    out = held_out(columns["t"], 0.0, 8.0, 12)
-    columns["x"][out] += 5e-3
+    fitted, out = clean.after.records["one"].channels["load.x"].counts, later(clean.after)
+    columns["x"][~fitted] += 5e-3
     moved = fit(experiment(tmp_path, columns))
+    # the gap follows from the readings, what is fitted does not
     assert moved.values == pytest.approx(clean.values, rel=1e-6)
-    assert clean.samples == 2 * int((~out).sum())
+    assert clean.samples == 2 * int(fitted.sum())
     assert moved.values["spring.c"] == pytest.approx(1200, rel=0.01)
     before, after = (f.after.records["one"].validate for f in (clean, moved))
     assert before is not None and after is not None
@@ -149,7 +165,7 @@ def test_a_short_record_is_not_split(tmp_path: Path) -> None:
 def test_multiple_shooting_leaves_out_what_does_not_count(tmp_path: Path) -> None:
     columns = record()
     columns["x"][::2] = np.nan
-    columns["x"][held_out(columns["t"], 0.0, 8.0, 12)] += 5e-3
+    columns["x"][columns["t"] >= 16 / 3] += 5e-3
     found = fit(experiment(tmp_path, columns), segments=4)
     assert found.values["spring.c"] == pytest.approx(1200, rel=0.01)
 

@@ -134,11 +134,14 @@ def coverage(curve: Refit, before: Experiment) -> float:
     try:
         for record in experiment.records.values():
             known = {n: v for n, v in curve.values.items() if not n.startswith("initial.")}
-            result = compare_record(experiment, record, known).result
-            courses[record.use == "fit"].append(Probe(result.assembly, variables, si=True).values(result).ravel())
+            compared = compare_record(experiment, record, known)
+            values = Probe(compared.result.assembly, variables, si=True).values(compared.result)
+            part = compared.validate  # the last part of a lone record
+            begin = np.inf if part is None else min(float(c.time[c.counts][0]) for c in part.channels.values())
+            later = (compared.result.time >= begin) | (record.use != "fit")
+            for fitted, which in ((True, ~later), (False, later)):
+                courses[fitted].append(values[:, which].ravel())
     except HeavebondError:
         return float("nan")
-    if not courses[False]:  # blocks of the fitted records are held out: the run goes through all of them
-        return 1.0
     seen, held = np.concatenate(courses[True]), np.concatenate(courses[False])
-    return float(np.mean((held >= seen.min()) & (held <= seen.max())))
+    return float(np.mean((held >= seen.min()) & (held <= seen.max()))) if len(held) else 1.0

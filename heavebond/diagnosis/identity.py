@@ -3,7 +3,8 @@
 Where the best one leaves no more than noise, the noise is the yardstick: another one is excluded where its likelihood is
 smaller by strong evidence. Elsewhere no law is exact, and their predictive errors are compared with each other: a candidate
 is excluded where it is outside the model confidence set, and besides leaves more by a material share of the misfit or by a
-multiple of what the best leaves. Both on all samples, each predicted by parameters that were not fitted to it.
+multiple of what the best leaves; and where it explains less than half of what the best one explains. All on all samples,
+each predicted by parameters that were not fitted to it.
 """
 
 from __future__ import annotations
@@ -67,22 +68,30 @@ def compared(best: Refit, trials: Sequence[Refit], before: PredictiveErrors) -> 
         return Identity((best, *near), float("nan"))
     found = _set(best, others)
     misfit = max(before.mean(*ALL) - 1.0, 0.0)
-    near = [t for k, t in enumerate(others, 1) if found is None or k in found or not _material(best, t, misfit)]
+    near = [t for k, t in enumerate(others, 1) if _explains(best, t, misfit)
+            and (found is None or k in found or not _material(best, t, misfit))]
     return Identity((best, *near), found.blocks if found is not None else float("nan"))
+
+
+def _left(trial: Refit, joint: bool) -> float:
+    """What a refit leaves above the noise; `joint`: without what it leaves because its own numbers are uncertain."""
+    assert trial.errors is not None
+    return trial.errors.mean(*ALL) - 1.0 - joint * trial.slack / max(trial.errors.samples(*ALL), 1)
+
+
+def _explains(best: Refit, other: Refit, misfit: float) -> bool:
+    """Whether another candidate takes away a good part of the misfit that the best one takes away: what leaves nearly all of
+    it explains nothing, however few independent blocks the records hold."""
+    return misfit - min(_left(other, joint) for joint in (False, True)) >= DECISION.mainly * (misfit - _left(best, False))
 
 
 def _material(best: Refit, other: Refit, misfit: float) -> bool:
     """Whether another candidate leaves more by a material share of the misfit, or several times what the best leaves above
     the noise; also where what it leaves because its own numbers are uncertain is not counted."""
-    def left(trial: Refit, joint: bool) -> float:
-        assert trial.errors is not None
-        total = trial.errors.samples(*ALL)
-        return trial.errors.mean(*ALL) - 1.0 - joint * trial.slack / max(total, 1)
-
     def differ(least: float, more: float) -> bool:
         return more - least > DECISION.material * misfit or more > DECISION.times * max(least, DECISION.near - 1.0)
 
-    return all(differ(left(best, joint), left(other, joint)) for joint in (False, True))
+    return all(differ(_left(best, joint), _left(other, joint)) for joint in (False, True))
 
 
 def _set(best: Refit, others: Sequence[Refit]) -> ConfidenceSet | None:

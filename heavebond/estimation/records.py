@@ -27,11 +27,9 @@ from heavebond.text.expression import constant
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-# Of 12 stretches of a record without a partner every third is held out: two thirds are left to fit, and the four that
-# check it are spread over the record. Each is as long as LEAST samples of the slowest channel, else there are 6 or 3.
-STRETCHES = (12, 6, 3)
-EVERY = 3
-LEAST = 10
+# Of a record without a partner the last third checks the fit, after a gap of one correlation time: what is correlated with
+# the fitted part is no check of it. There are at least LEAST samples of each channel on both sides.
+KEPT, LEAST = 1 / 3, 10
 SMOOTHED = 10  # samples on either side over which the variance that inputs cause is averaged
 TIME = "\0time"  # the times of a record among the names of its outputs
 
@@ -41,7 +39,8 @@ class Samples:
     """One channel of a record, n samples.
 
     time: when they were taken, s; measured: in the channel's unit; index: the place in the run's grid of the time at which
-    the model is asked, time - shift; outlier, held_out: which samples are so; dropped: those that no figure contains.
+    the model is asked, time - shift; outlier, held_out: which samples are so; between: those in the gap between what is
+    fitted and what is held out; dropped: those that no figure contains.
     `noise` is the standard deviation in the channel's unit (where inputs have noise, that of both together, rms over
     time), `own_noise` that of the channel alone, `deviation` (n,) that of both at each sample; `input_errors`
     (realisations, n) are realisations of what the noise of the inputs does to it; `step` is that of a sensor that counts,
@@ -61,11 +60,13 @@ class Samples:
     deviation: Array = field(default_factory=lambda: np.zeros(0))
     input_errors: Array = field(default_factory=lambda: np.zeros((0, 0)))
     estimate: NoiseEstimate | None = None
+    between: Mask | None = None
 
     @property
     def dropped(self) -> Mask:
-        """Outliers where the experiment drops them, else none."""
-        return self.outlier if self.output.drop_outliers else np.zeros(len(self.time), dtype=bool)
+        """The gap before what is held out, and outliers where the experiment drops them."""
+        gap = np.zeros(len(self.time), dtype=bool) if self.between is None else self.between
+        return gap | self.outlier if self.output.drop_outliers else gap
 
     @property
     def fitted(self) -> Mask:
@@ -74,7 +75,7 @@ class Samples:
 
     @property
     def checking(self) -> Mask:
-        """The samples that check the fit: blocks held out of a record that has no partner."""
+        """The samples that check the fit: the last third of a record that has no partner."""
         return ~self.dropped & self.held_out
 
 
@@ -146,8 +147,8 @@ def measure(experiment: Experiment, record: Record) -> Measured:
     if record is next(iter(experiment.records.values())):
         notes += [f"{name}: {c.estimate.words}" for name, c in found.items() if c.estimate and not c.estimate.separable]
     if experiment.holds_out(record):
-        found = _with_held_out(found, (float(grid[0]), float(grid[-1])))
-        notes.append(_held_out_note(found))
+        found, gap = _with_held_out(found, (float(grid[0]), float(grid[-1])))
+        notes.append(_held_out_note(found, gap))
     return Measured(record, grid, found, tuple(notes), bool(slow), {n: unit for n, unit in declared.items() if n in found})
 
 
@@ -424,31 +425,36 @@ def merged(times: list[Array], known: list[Array]) -> tuple[Array, list[NDArray[
     return every[first[wanted]], list(np.split(index, np.cumsum([len(t) for t in times])[:-1]))
 
 
-# -- blocks held out -----------------------------------------------------------------------------------------------
-def held_out(time: Array, begin: float, end: float, stretches: int) -> Mask:
-    """Which of the times (n,) are in every third of so many equal stretches of a record."""
-    stretch = np.floor((time - begin) / (end - begin) * stretches)
-    return np.asarray(np.minimum(stretch, stretches - 1) % EVERY == EVERY - 1)
+# -- what is held out of a lone record -----------------------------------------------------------------------------------
+def correlation_time(time: Array, y: Array) -> float:
+    """The lag (s) at which the autocorrelation of readings y (n,) at times (n,) first falls below 1/e, on even times of the
+    usual distance; that of one sample where they are uncorrelated or constant."""
+    step = float(np.median(np.diff(time)))
+    even = np.interp(np.arange(time[0], time[-1] + step / 2, step), time, y)
+    spectrum = np.fft.rfft(even - even.mean(), 2 * len(even))
+    correlation = np.fft.irfft(np.abs(spectrum)**2)[:len(even)]
+    below = np.flatnonzero(correlation < correlation[0] / np.e)
+    return step * float(max(below[0], 1) if len(below) else 1)
 
 
-def _with_held_out(channels: Mapping[str, Samples], ends: tuple[float, float]) -> dict[str, Samples]:
-    """The most stretches that are long enough; nothing is held out where there are none, or where that would leave hardly
-    a sample of a channel on one side (a gap may fill whole stretches)."""
-    slowest = max(float(np.median(np.diff(c.time))) for c in channels.values())
-    for stretches in STRETCHES:
-        if (ends[1] - ends[0]) / stretches < (LEAST - 1e-6) * slowest:
-            continue
-        found = {name: replace(c, held_out=held_out(c.time - c.output.shift, *ends, stretches))
-                 for name, c in channels.items()}
-        if min(min(c.held_out.sum(), (~c.held_out).sum()) for c in found.values()) >= LEAST:
-            return found
-    return dict(channels)
+def _with_held_out(channels: Mapping[str, Samples], ends: tuple[float, float]) -> tuple[dict[str, Samples], float]:
+    """The channels with the last third held out, and the gap before it (s): the longest correlation time of a channel, at
+    most half of what is held out. Nothing is held out where that would leave hardly a sample of a channel on one side (the
+    record is short, or a gap of it fills a side)."""
+    begin, end = ends[1] - KEPT * (ends[1] - ends[0]), ends[1]
+    gap = min(max(correlation_time(c.time, c.measured) for c in channels.values()), (end - begin) / 2)
+    found = {name: replace(c, held_out=c.time - c.output.shift >= begin + gap,
+                           between=(c.time - c.output.shift >= begin) & (c.time - c.output.shift < begin + gap))
+             for name, c in channels.items()}
+    enough = min(min(c.held_out.sum(), c.fitted.sum()) for c in found.values()) >= LEAST
+    return (found, gap) if enough else (dict(channels), 0.0)
 
 
-def _held_out_note(channels: Mapping[str, Samples]) -> str:
+def _held_out_note(channels: Mapping[str, Samples], gap: float) -> str:
     out, whole = (sum(int(m.sum()) for m in masks) for masks in
                   ([c.held_out for c in channels.values()], [np.ones(len(c.time), bool) for c in channels.values()]))
     if not out:
         return "no record checks the fit, and this one is too short to hold a part of it out"
-    return f"no record has `use: validate`, so {out} of {whole} samples, in every third stretch of time, are held out of " \
-        "the fit to check it"
+    first = min(float(c.time[c.held_out][0]) for c in channels.values())
+    return f"no record has `use: validate`, so the last {out} of {whole} samples, from {number(first, 4)} s on, are held " \
+           f"out of the fit to check it; the {number(gap, 2)} s before, one correlation time, are left out of both"
