@@ -94,6 +94,25 @@ def test_a_limit_of_the_parameter_is_a_value_like_any_other(tmp_path: Path) -> N
     assert line.startswith("directional_friction.F_n = 0 N: ") and "more of its kind" not in line
 
 
+def test_only_rivals_that_explain_as_much_as_the_answer_are_not_excluded() -> None:
+    """Three candidates whose search stopped at an end of a range: one as good as the answer but for 3 % of the misfit, one
+    that leaves twice as much as the answer, one that explains half."""
+    def trial(name: str, chi2: float, beyond: tuple[str, ...] = ("law.k",)) -> Any:
+        number = SimpleNamespace(name="law.k", unit=SimpleNamespace(text="m"))
+        candidate = SimpleNamespace(label=name, kind=name, where=("base", name), attaches="across", place=f"at {name}",
+                                    component="Law", numbers=(number,))
+        return SimpleNamespace(candidate=candidate, chi2_fit=chi2, beyond=beyond, values={"law.k": 5e-6})
+
+    answer = trial("play", 8.0, ())
+    trials = (answer, trial("compliance", 11.0), trial("friction", 20.0), trial("damping", 50.0))
+    finding: Any = SimpleNamespace(candidate=answer.candidate, alternatives=(answer,),
+                                   rung=SimpleNamespace(chi2_fit=8.0, chi2_held_out=9.0))
+    step: Any = SimpleNamespace(chi2_fit=101.0, trials=trials)
+    (line,) = verdict._not_excluded([finding], [step])
+    assert line == "The search for compliance at compliance (Law), which is not excluded, stopped at the end of a range " \
+                   "(law.k at 5 um), beyond which it would leave less: widen `search_range`."
+
+
 def test_what_the_first_effect_may_be_is_judged_beside_a_sensor_s_offset(tmp_path: Path) -> None:
     """A hardening spring, and a foot that is measured 20 mm off. Alone no law reaches the noise, and stops of a travel do
     nearly as well as the spring; beside the offset the spring leaves noise and the stops do not, wherever the search for

@@ -17,7 +17,8 @@ class Decision:
     candidates must differ to be told apart where none of them reaches the noise. times: multiple of what the better one
     leaves above the noise, at least of `near` - 1, that differs materially too: beside a large misfit the share alone
     calls much alike. further: share of the misfit at hand that an effect must take away to be added. mainly: share of
-    the misfit that an effect must explain to be named although more than noise is left. covered: share of the held-out
+    the misfit that an effect must explain to be named although more than noise is left, and share of what the best one
+    explains that a rival must explain. covered: share of the held-out
     motion that must lie inside the fitted range for an identified curve to be a yardstick. constant: share by which the
     strength of an effect may differ between small and large motion. blocks: number of independent
     blocks below which a record is too short to tell candidates apart. near: chi-square per sample up to which a residual

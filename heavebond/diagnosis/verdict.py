@@ -175,30 +175,28 @@ def at_ends(finding: AddedEffect) -> list[str]:
 
 
 def _not_excluded(findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> list[str]:
-    """Candidates of the first step that explain most of the misfit and whose search stopped at an end of a range, beyond
-    which they would leave less: those among the answer, and those of another class or place that it leaves out."""
+    """Candidates of the first step whose search stopped at an end of a range, beyond which they would leave less, and which
+    explain as much of the misfit as the answer there but for an immaterial share: those among the answer, and those of
+    another class or place that it leaves out."""
     if not steps or not findings or near_noise(findings[-1].rung):
         return []
     answer = findings[0].alternatives
     named = {t.candidate.label for t in answer}
     alike = {(t.candidate.kind, frozenset(t.candidate.where)) for t in answer}
+    shares = {t.candidate.label: _gone(steps[0].chi2_fit, t.chi2_fit) for t in steps[0].trials}
+    least = max((share for label, share in shares.items() if label in named), default=1.0) - DECISION.material
     lines = []
     for trial in steps[0].trials:
         candidate = trial.candidate
         told = candidate.label in named
-        if not trial.beyond or candidate is findings[0].candidate or not _explains(trial, steps[0]) \
+        if not trial.beyond or candidate is findings[0].candidate or shares[candidate.label] < max(least, DECISION.mainly) \
                 or (not told and (candidate.kind, frozenset(candidate.where)) in alike):
             continue
         where = listing(f"{n.name} at {readable(trial.values[n.name], n.unit.text, 3)}" for n in candidate.numbers
                         if n.name in trial.beyond)
-        lines.append(f"{'Of these, ' if told else 'Not excluded: '}{called(candidate)}; its search stopped at the end of "
-                     f"the range ({where}), and beyond it would leave less. Widen `search_range`.")
+        lines.append(f"The search for {called(candidate)}, {'one of these' if told else 'which is not excluded'}, stopped "
+                     f"at the end of a range ({where}), beyond which it would leave less: widen `search_range`.")
     return lines[:MENTIONED]
-
-
-def _explains(trial: Refit, step: Stage) -> bool:
-    """Whether a refit takes most of what is fitted above the noise away."""
-    return _gone(step.chi2_fit, trial.chi2_fit) >= DECISION.mainly
 
 
 def _of_estimates(best: LadderEntry) -> list[str]:
