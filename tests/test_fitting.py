@@ -139,10 +139,10 @@ def test_several_starts_reach_the_same_optimum(tmp_path: Path) -> None:
 
 
 def test_a_fit_leaves_a_local_minimum_above_points_of_the_ranges(tmp_path: Path) -> None:
-    """From 1700 N/m the oscillation of the model is out of step with the record after few periods, and its nearest optimum
+    """From 1900 N/m the oscillation of the model is out of step with the record after few periods, and its nearest optimum
     is not the lowest one."""
     experiment = _swing(tmp_path, {"one": 0.05})
-    far = experiment.model.with_parameters({"spring.c": 1700.0, "initial.load.x": 0.05})
+    far = experiment.model.with_parameters({"spring.c": 1900.0, "initial.load.x": 0.05})
     found = fit(replace(experiment, model=far), free={"spring.c": "0.7 .. 2.2 kN/m"})
     first, last = found.cost
     assert last < first / 10

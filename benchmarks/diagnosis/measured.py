@@ -29,12 +29,14 @@ SECONDS = 600.0
 
 @dataclass(frozen=True)
 class Measured:
-    """A set of records: its source, what is known to be missing, published errors, and the experiment: a bundled one
-    (`name`), or the text of a diagram and of an experiment (`model`, `text`) that lies beside the records."""
+    """A set of records: its source, what is known to be missing, published errors of physical models (`grey`) and of black
+    boxes (`black`), and the experiment: a bundled one (`name`), or the text of a diagram and of an experiment (`model`,
+    `text`) that lies beside the records. A published figure is *verified* where it was read in its source."""
 
     source: str
     known: str
-    published: str
+    grey: str
+    black: str
     name: str = ""
     model: str = ""
     text: str = ""
@@ -44,6 +46,7 @@ SILVERBOX = Measured(
     "T. Wigren, J. Schoukens, Three free data sets for development and benchmarking in nonlinear system identification, "
     "European Control Conference, 2013",
     "cubic stiffness (the circuit is a Duffing oscillator; volts are read as metres, 1 mm is 1 mV)",
+    "arrow: 0.96 mV (Hjalmarsson, Schoukens 2004, not verified)",
     "arrow: recurrent networks 2.4 to 4.9 mV, without extrapolation 0.95 to 1.7 mV (Champneys et al. 2024, "
     "arXiv:2405.10779, verified); 0.26 mV (PNLSS, not verified)",
     model="""
@@ -73,7 +76,7 @@ free: {mass.m: 5.2e-6 kg +- 20 %, spring.c: 0.95 N/m +- 20 %, damper.d: 2.2e-4 N
 DAMPER = Measured(
     "A. N. Vargas, Labcontrol UTFPR, doi:10.5281/zenodo.4445334",
     "dry friction with presliding (the authors use the laws of Dahl and of Bouc and Wen), a weak spring",
-    "15 to 37 % of the force (by the authors, definition not given, verified)",
+    "15 to 37 % of the force (by the authors, definition not given, verified)", "none",
     model="""
 model: mr_damper
 components:
@@ -101,7 +104,7 @@ free: {oil.d: 100 .. 6000 N*s/m, gas.F: -400 .. 400 N}
 DRIVES = Measured(
     "T. Wigren, M. Schoukens, Coupled electric drives data set and reference models, Uppsala University, 2017-024",
     "a speed sensor without sign; by the three amplitudes, dry friction or a dead band of the drives (not by the authors)",
-    "none for these records (PRBS); 0.09 to 0.33 for the records DATAUNIF (Champneys et al. 2024, verified)",
+    "none", "none for these records (PRBS); 0.09 to 0.33 for the records DATAUNIF (Champneys et al. 2024, verified)",
     model="""
 model: coupled_drives
 components:
@@ -138,13 +141,17 @@ SETS: Mapping[str, Measured] = {
     "cascaded_tanks": Measured(
         "M. Schoukens, P. Mattsson, T. Wigren, J.-P. Noel, Cascaded tanks benchmark, doi:10.4121/12960104",
         "square-root outlets, overflow of both tanks",
-        "0.40 to 2.0 V (black boxes, Champneys et al. 2024, verified); about 0.2 V (grey box with overflow, not verified)",
+        "about 0.2 V (with overflow, Rogers et al. 2017, not verified)",
+        "0.40 to 2.0 V (Champneys et al. 2024, verified); PNLSS 0.45 V, Volterra series 0.54 V (as quoted in "
+        "doi:10.1155/2021/6613425, verified there)",
         name="cascaded_tanks/tanks"),
     "silverbox": SILVERBOX,
     "emps": Measured(
         "A. Janot, M. Gautier, M. Brunot, Data set and reference models of EMPS, Eindhoven, 2019",
         "dry friction, a constant force, friction that differs by direction",
-        "force 8.94 % on the pulses (closed loop, parameters of the authors, verified)",
+        "8.94 % of the force on the pulses (closed loop, parameters of the authors, verified)",
+        "none of the force; position 74 to 220 mm (Champneys et al. 2024, verified), 2.6 to 4 mm (Forgione, Piga 2021, not "
+        "verified)",
         name="emps/drive"),
 }
 

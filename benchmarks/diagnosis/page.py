@@ -168,15 +168,16 @@ def public_records(rows: Sequence[Row]) -> str:
         known = measured.SETS[row["key"]]
         test = next((n for n, use in row["uses"].items() if use == "test"), list(row["uses"])[-1])
         (channel, _), = ((c, e) for c, e in row["errors"][0][test].items())
-        errors = [readable(rung[test][channel][0], rung[test][channel][1], 3) for rung in row["errors"]]
+        errors = [f"{readable(error, unit, 3)} ({100 * share:.3g} %)" for error, unit, share in
+                  (rung[test][channel] for rung in row["errors"])]
         answer = "; ".join(f"**{kind}** {label}" + (f" or one of {alike - 1} others" if alike > 1 else "")
                            for label, kind, alike in row["effects"])
         only = f" (tried were only {', '.join(row['classes'])})" if row["classes"] else ""
         ended = " (ended by the time before all candidates were fitted)" if row["partial"] else ""
         lines.append((row["key"], known.known, f"{row['verdict']}: {answer or row['shape'] or '-'}{only}{ended}",
-                      " to ".join(errors[1:] or errors), known.published, f"{row['processor']:.0f}"))
-    return table(["records", "known to be missing", "answer", "error on the test record", "published", "processor time, s"],
-                 lines)
+                      " to ".join(errors[1:] or errors), known.grey, known.black, f"{row['processor']:.0f}"))
+    return table(["records", "known to be missing", "answer", "error on the test record", "published, physical models",
+                  "published, black boxes", "processor time, s"], lines)
 
 
 def main() -> None:
