@@ -159,7 +159,7 @@ def test_a_tangent_that_turns_before_the_effect_is_seen_is_taken_there_too(tmp_p
     run, = base.runs(candidate.change, [candidate.numbers[0].name])
     tangent = run.residuals({candidate.numbers[0].name: there})[1][0]
     assert beside.size == pytest.approx(float(np.linalg.norm(tangent)), rel=1e-3)  # at the tolerances of a search
-    assert beside.size < 0.6 * zero.size  # more of it does less
+    assert beside.size < 0.7 * zero.size  # more of it does less; of a law in proportion as much
     assert zero.direction @ beside.direction < scoring.TURNED
     # a law in proportion to its amplitude has one tangent
     assert [s.side for s in scored(base, _candidate(problem, "SensorOffset in the channel left.a.p"))] == [0]

@@ -135,6 +135,34 @@ free:
   belt.c: 0.7 .. 6 N*m/rad
   belt.d: 0.01 .. 0.4 N*m*s/rad
 """)
+PENDULUM = Measured(
+    "DFKI underactuated lab, torque-limited simple pendulum, doi:10.21105/joss.03884",
+    "dry and viscous friction of the joint (by the authors); a torque that reads about a fifth too low (not by the authors)",
+    "none", "none",
+    model="""
+model: pendulum
+components:
+  motor:  {is: TorqueSource, u: 0 N*m}
+  arm:    {is: Inertia, J: 0.1495 kg*m**2}
+  weight: {is: ArmWeight, m: 0.676 kg, l: 0.45 m}
+  frame:  {is: FixedShaft}
+  cable:  {is: RotationalDamper, d: 0.01 N*m*s/rad}
+nodes:
+  shaft: [motor.a, arm.a, weight.a, cable.b]
+  frame: [frame.a, cable.a]
+initial: {arm.phi: 0 rad, arm.w: 0 rad/s}
+""", text="""
+experiment: swing-up of a pendulum by a motor, recorded in closed loop
+model: pendulum.yaml
+# up to the last rise: at the top a simulation with the measured torque is unstable
+records:
+  ddp:    {file: dfki_simple_pendulum/ddp_swingup.csv, use: fit, to: 5.4 s}
+  dircol: {file: dfki_simple_pendulum/dircol_swingup.csv, use: test, to: 3 s}
+time: {column: time_s, unit: s}
+inputs: {motor.u: {column: tau_measured_Nm, unit: N*m, interpolation: linear}}
+outputs: {arm.phi: {column: q_rad, unit: rad}}
+free: {arm.J: 0.1495 kg*m**2 +- 10 %, weight.m: 0.676 kg +- 10 %, cable.d: 0 .. 0.2 N*m*s/rad}
+""")
 SETS: Mapping[str, Measured] = {
     "mr_damper": DAMPER,
     "coupled_electric_drives": DRIVES,
@@ -146,6 +174,7 @@ SETS: Mapping[str, Measured] = {
         "doi:10.1155/2021/6613425, verified there)",
         name="cascaded_tanks/tanks"),
     "silverbox": SILVERBOX,
+    "dfki_simple_pendulum": PENDULUM,
     "emps": Measured(
         "A. Janot, M. Gautier, M. Brunot, Data set and reference models of EMPS, Eindhoven, 2019",
         "dry friction, a constant force, friction that differs by direction",

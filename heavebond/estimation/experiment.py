@@ -430,7 +430,7 @@ def _check_apart(records: Sequence[Record], problems: Problems) -> None:
             if _together(fitted, checking) and _same_file(fitted.file, checking.file):
                 problems.add("records-same", f"record '{checking.name}' is to check the fit, but what it holds is fitted as "
                              f"'{fitted.name}'", checking.place, hint="Give another record, or another part of the file by "
-                             f"`from:` and `to:`; or leave '{checking.name}' out: then stretches are held out of the fit.")
+                             f"`from:` and `to:`; or leave '{checking.name}' out: then the last third is held out.")
 
 
 def _together(one: Record, other: Record) -> bool:
