@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from diagrams import CART_RIG
 
-from heavebond.diagnosis import verdict
+from heavebond.diagnosis import verdict, yardstick
 from heavebond.diagnosis.attempt import attempt
 from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.ladder import AddedEffect
+from heavebond.diagnosis.predictive_errors import PredictiveErrors
 from heavebond.diagnosis.stage import Stage, following, make_stage, refitted_beside, single
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.language.model import load
@@ -131,6 +132,45 @@ def test_what_the_first_effect_may_be_is_judged_beside_a_sensor_s_offset(tmp_pat
     assert [t.candidate.component for t in made.trials] == ["CubicSpring", "EndStop"]
     assert made.trials[1].chi2_fit < stop.trials[0].chi2_fit
     assert [t.candidate.component for t in made.cluster] == ["CubicSpring"]
+
+
+def test_a_curve_is_no_better_law_for_taking_up_a_second_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A curve of nine coefficients takes up the offset of an input, which the law that is right cannot: alone the law leaves
+    30 and the curve 3. Beside the offset both leave 2, and the law stands. Where further effects were not sought, the curves
+    decide nothing. One that is better beside the offset as well takes the name."""
+    def refit(level: float, seed: int) -> Any:
+        sums = level * np.random.default_rng(seed).uniform(0.5, 1.5, 400)
+        errors = PredictiveErrors(sums, np.ones(400), np.zeros(400, np.int64), np.zeros(400, np.int64))
+        candidate = SimpleNamespace(where=("base", "load"), change=SimpleNamespace(nodes={}), label=str(level))
+        return _Refit(candidate, errors)
+
+    law, offset = refit(30.0, 1), refit(2.0, 2)
+    first: Any = SimpleNamespace(chosen=law, candidate=law.candidate,
+                                 step=SimpleNamespace(errors=refit(300.0, 3).errors, experiment="base"))
+    last: Any = SimpleNamespace(chosen=offset, candidate=offset.candidate)
+    others: Any = (SimpleNamespace(chosen=refit(250.0, 4), step="offset"),)
+    curves = {"base": 3.0, "base, offset": 2.0}
+    monkeypatch.setattr(yardstick, "without_effect", lambda way, k, say: others)
+    monkeypatch.setattr(yardstick, "following", lambda step: "base, offset")
+    monkeypatch.setattr(yardstick, "make_curve_stage", lambda experiment, **given: SimpleNamespace(
+        trials=(refit(curves[experiment], 5),), partial=False))
+    monkeypatch.setattr("heavebond.diagnosis.adequacy.coverage", lambda curve, before: 1.0)
+
+    def found(way: Any, tried: bool = True) -> Any:
+        return yardstick.judged(way, True, tried, 1, 1e9, lambda text: None)[0]
+
+    assert found((first,)).beaten and not found((first,)).stands
+    assert found((first, last)).stands and not found((first, last)).beaten
+    assert found((first, last)).explained == found((first,)).explained == pytest.approx(0.9, abs=0.01)
+    assert found((first,), tried=False).stands and not found((first,), tried=False).tried
+    curves["base, offset"] = 1.2
+    assert found((first, last)).beaten
+
+
+@dataclass(frozen=True)
+class _Refit:
+    candidate: Any
+    errors: PredictiveErrors
 
 
 def _only(experiment: Experiment, candidate: Any) -> Stage:

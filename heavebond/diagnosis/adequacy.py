@@ -19,6 +19,7 @@ from heavebond.diagnosis.confidence_set import confidence_set
 from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.identity import ALL
 from heavebond.diagnosis.like_places import candidates
+from heavebond.diagnosis.predictive_errors import PredictiveErrors
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.stage import Stage
 from heavebond.estimation.comparison import compare_record
@@ -69,22 +70,34 @@ class Adequacy:
                 "curves_tried": self.tried}
 
 
-def adequacy(chosen: Refit, made: Stage, curves: Stage | None, complete: bool = True) -> Adequacy:
-    """That of the effect `chosen` at a stage; `curves` is the stage of identified curves on the same diagram and records;
-    `complete` as in `Adequacy`."""
-    assert made.errors is not None and chosen.errors is not None
+@dataclass(frozen=True)
+class Comparand:
+    """What curves in the place of an effect are compared with: the refit with the effect, the predictive errors without it,
+    and the experiment without it, which has all effects found after it."""
+
+    law: Refit
+    before: PredictiveErrors
+    experiment: Experiment
+
+
+def adequacy(chosen: Refit, made: Stage, beside: Comparand, curves: Stage | None, complete: bool = True) -> Adequacy:
+    """That of the effect `chosen` at a stage; `curves` is the stage of identified curves in the place of the effect, which
+    is judged as it is `beside` what was found later; `complete` as in `Adequacy`."""
+    assert made.errors is not None and chosen.errors is not None and beside.law.errors is not None
     misfit = made.errors.mean(*ALL) - 1.0
     left = chosen.errors.mean(*ALL) - 1.0
     explained = (misfit - left) / misfit if misfit > 0 else 0.0
-    trials = [t for t in curves.trials if t.errors is not None and _helps(t, made)] if curves is not None else []
-    here = [t for t in trials if same_place(t, chosen)]
-    there = [t for t in trials if not same_place(t, chosen) and _as_good(t, chosen, misfit)]
+    law, rest = beside.law, beside.law.errors.mean(*ALL) - 1.0
+    trials = [t for t in curves.trials if t.errors is not None and _loss(t) < beside.before.mean(*ALL)] \
+        if curves is not None else []
+    here = [t for t in trials if same_place(t, law)]
+    there = [t for t in trials if not same_place(t, law) and _as_good(t, law, misfit)]
     flexible = min(here, key=_loss, default=None)
     beaten, covered = False, float("nan")
     if flexible is not None:
-        covered = coverage(flexible, made.experiment)
-        beaten = covered >= DECISION.covered and _better(flexible, chosen) \
-            and _loss(chosen) - _loss(flexible) > DECISION.mainly * max(left, 0.0) > 0
+        covered = coverage(flexible, beside.experiment)
+        beaten = covered >= DECISION.covered and _better(flexible, law) \
+            and _loss(law) - _loss(flexible) > DECISION.mainly * max(rest, 0.0) > 0
     return Adequacy(explained, flexible, min(there, key=_loss, default=None), beaten, covered, complete,
                     curves is not None and not curves.partial)
 
@@ -99,12 +112,6 @@ def same_place(one: Refit, other: Refit) -> bool:
 def _loss(trial: Refit) -> float:
     assert trial.errors is not None
     return trial.errors.mean(*ALL)
-
-
-def _helps(trial: Refit, made: Stage) -> bool:
-    """Whether an identified curve predicts better than the model without it."""
-    assert made.errors is not None
-    return _loss(trial) < made.errors.mean(*ALL)
 
 
 def _better(one: Refit, other: Refit) -> bool:

@@ -21,7 +21,7 @@ from heavebond.core.progress import Progress
 from heavebond.core.quantities import si_value
 from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
-from heavebond.diagnosis.adequacy import Adequacy, adequacy
+from heavebond.diagnosis.adequacy import Adequacy
 from heavebond.diagnosis.alternatives import Alternative
 from heavebond.diagnosis.candidate_workers import working_on
 from heavebond.diagnosis.confirming import Confirming
@@ -55,6 +55,7 @@ from heavebond.diagnosis.verdict import (
     verdict,
     worth_it,
 )
+from heavebond.diagnosis.yardstick import judged
 from heavebond.estimation.comparison import Comparison
 from heavebond.estimation.excerpts import as_long_as, cut, excerpt
 from heavebond.estimation.experiment import Experiment
@@ -217,10 +218,10 @@ def _diagnosed(experiment: Experiment | str | Path, steps: int, number: int | No
     come = _SearchState(ladder, findings, made, untried=(*cut_short, *([FURTHER] if short else [])))
     if made[0].left.significant and (not classes or VALUE in classes):
         come = come.without(VALUES) if made[-1].partial else _weighed(come, way, confirming.one, trying_values)
-    shape, judged = None, None
+    shape, adequate = None, None
     if unexplained(come.ladder, come.findings, come.steps):
-        come, shape, judged = _without_name(come, way, confirming.one, number, left(), say)
-    if shape is None and not (judged is not None and judged.stands) and not come.steps[-1].partial \
+        come, shape, adequate = _without_name(come, way, confirming.one, number, left(), say)
+    if shape is None and not (adequate is not None and adequate.stands) and not come.steps[-1].partial \
             and VALUES not in come.untried and unexplained(come.ladder, come.findings, come.steps):
         say("learning a curve")
         come, shape = _shape(come, as_long_as(part, now), confirming.one, number, left())
@@ -228,9 +229,9 @@ def _diagnosed(experiment: Experiment | str | Path, steps: int, number: int | No
     rest = Budget(left()).made(lambda: remainder(as_long_as(part, at_fit(found[-1].fit.experiment, found[-1].fit)), say)) \
         if found and not come.steps[-1].partial and unexplained(come.ladder, come.findings, come.steps) else None
     rungs = (*come.ladder, *([shape.rung] if shape is not None else []))
-    said = verdict(base, rungs, come.findings, come.steps, shape, judged, not {VALUES, CURVES} & set(come.untried))
+    said = verdict(base, rungs, come.findings, come.steps, shape, adequate, not {VALUES, CURVES} & set(come.untried))
     apart = _separation(come.findings, say, left()) if said == "one_of" else None
-    told = (*sentences(said, rungs, come.findings, come.steps, shape, judged), *map(equivalent_value_words, come.values),
+    told = (*sentences(said, rungs, come.findings, come.steps, shape, adequate), *map(equivalent_value_words, come.values),
             *acting_as_values(come.findings, come.steps, [t.candidate.name for t in come.values]),
             *(apart.words if apart is not None else ()),
             *(u.words for u in reversed(unsupported) if said not in ("effect", "one_of", "parameters")),
@@ -240,7 +241,7 @@ def _diagnosed(experiment: Experiment | str | Path, steps: int, number: int | No
             *so_far(come.steps, come.untried),
             *_limits(classes, cut(part, experiment), confirming.shorter))
     return Diagnosis(experiment, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
-                     _noise(ladder[0].comparison), budget.spent, apart, part, judged, come.untried, rest)
+                     _noise(ladder[0].comparison), budget.spent, apart, part, adequate, come.untried, rest)
 
 
 def _first_entries(experiment: Experiment, budget: Budget, say: Progress
@@ -302,22 +303,21 @@ class _SearchState:
 def _without_name(come: _SearchState, way: Selection, confirm: Confirm, number: int | None, seconds: float, say: Progress
                   ) -> tuple[_SearchState, AddedEffect | None, Adequacy | None]:
     """The adequacy of the first finding, after which more than noise is left, by identified curves in its place. Where one
-    of these explains most of what is left, it takes the place of the name."""
+    of these explains most of what is left, and nothing was found beside it, it takes the place of the name."""
     if not way or not come.findings or come.findings[0].candidate is not way[0].candidate:
         return come, None, None
     say("fitting identified curves in place of the effect")
-    curves = None if come.steps[-1].partial else Budget(seconds).made(lambda: make_curve_stage(
-        way[0].step.experiment, beside=way[0].candidate, number=number, seconds=seconds,
-        progress=lambda text: say(f"identified curves: {text}")))
-    come = come if curves is not None and not curves.partial else come.without(CURVES)
-    judged = adequacy(way[0].chosen, way[0].step, curves, not come.steps[0].partial and VALUES not in come.untried)
-    if not judged.beaten or judged.flexible is None or curves is None:
-        return come, None, judged
+    tried = not come.steps[-1].partial and not {FURTHER, CALIBRATION} & set(come.untried)
+    found, curves = judged(way[:len(come.findings)], not come.steps[0].partial and VALUES not in come.untried, tried, number,
+                           seconds, say)
+    come = come if curves is not None else come.without(CURVES)
+    if not found.beaten or found.flexible is None or curves is None or len(come.findings) > 1:
+        return come, None, found
     without = come.ladder[:len(come.ladder) - len(come.findings)]
-    shape = confirm(SelectedEffect(choosing(curves, judged.flexible), (judged.flexible,)), without[-1].comparison)
+    shape = confirm(SelectedEffect(choosing(curves, found.flexible), (found.flexible,)), without[-1].comparison)
     if shape is None:
-        return come.without(CURVES), None, judged
-    return replace(come, ladder=without, findings=(), steps=[replace(come.steps[0], chosen=None, cluster=())]), shape, judged
+        return come.without(CURVES), None, found
+    return replace(come, ladder=without, findings=(), steps=[replace(come.steps[0], chosen=None, cluster=())]), shape, found
 
 
 def _unconfirmed(added: SelectedEffect) -> dict[str, object]:

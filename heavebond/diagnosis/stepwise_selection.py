@@ -167,7 +167,7 @@ def _looked_back(way: Selection, stepping: Stepping, say: Progress) -> tuple[Sel
     while k < len(way) - 1:
         say(f"is {way[k].candidate.label} still needed?")
         try:
-            others = _without(way, k, say)
+            others = without_effect(way, k, say)
         except KeyboardInterrupt:
             clear_signal()
             return way, True
@@ -199,7 +199,7 @@ def _looked_back(way: Selection, stepping: Stepping, say: Progress) -> tuple[Sel
     return way, False
 
 
-def _without(way: Selection, k: int, say: Progress) -> Selection | None:
+def without_effect(way: Selection, k: int, say: Progress) -> Selection | None:
     """The ladder without its k-th effect, what followed refitted one after the other; None where that stands upon it."""
     found = way[:k]
     for added in way[k + 1:]:
