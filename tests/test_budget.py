@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 from heavebond.cli import main
 from heavebond.core import cancellation
-from heavebond.diagnosis import diagnosis
+from heavebond.diagnosis import diagnosis, yardstick
 from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
 from heavebond.diagnosis.early_end import CURVES, VALUES
 from heavebond.diagnosis.fixed_values import VALUE
@@ -113,8 +113,8 @@ def test_a_step_that_is_complete_names_its_effect_although_more_was_not_tried(
     def over(*given: Any, **named: Any) -> None:
         raise KeyboardInterrupt
 
-    for name in ("make_value_stage", "make_curve_stage"):
-        monkeypatch.setattr(diagnosis, name, over)
+    for module, name in ((diagnosis, "make_value_stage"), (diagnosis, "make_curve_stage"), (yardstick, "make_curve_stage")):
+        monkeypatch.setattr(module, name, over)
     found = diagnose(rig, number=1, classes=["viscous damping"], steps=1)
     assert (found.verdict, found.untried) == ("mainly", (CURVES,))
     assert found.adequacy is not None and found.adequacy.complete
