@@ -118,7 +118,7 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
               shape: AddedEffect | None, adequacy: Adequacy | None = None) -> tuple[str, ...]:
     """The verdict in sentences."""
     lines = [_mainly(findings, adequacy) if said == "mainly" and adequacy is not None else
-             _beaten(adequacy) if said == "shape" and adequacy is not None and adequacy.beaten else
+             _beaten(findings, adequacy) if said == "shape" and adequacy is not None and adequacy.beaten else
              _WORDS[said](ladder, findings, steps, shape)]
     if adequacy is not None and (said == "mainly" or adequacy.beaten):
         lines += _yardstick(adequacy)
@@ -241,11 +241,15 @@ def _mainly(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
         ("" if enough else " More is missing.")
 
 
-def _beaten(adequacy: Adequacy) -> str:
+def _beaten(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
+    """That a curve does better than the first effect, and what was found beside that, where there is more."""
     curve = adequacy.flexible
     assert curve is not None
+    first, *others = map(_alternatives, findings) if findings else [""]
+    nearest = f" ({first})" if first else ""
     return f"Something is missing {curve.candidate.place} that no entry of the catalogue explains: an identified curve " \
-           "there explains most of what the best law of the catalogue leaves."
+           f"there explains most of what the best law of the catalogue{nearest} leaves." \
+           + (f" Found beside it: {listing(others, 5)}." if others else "")
 
 
 def _yardstick(adequacy: Adequacy) -> list[str]:
