@@ -203,7 +203,7 @@ def test_machine_code_gives_the_same_bits() -> None:
 
     before = found()
     assert runs[0].stats()["equations"] == "list of operations" and not equations.compiled
-    equations.spent(10.0)
+    equations.spent(10**12, False)
     after = found()
     assert runs[1].stats()["equations"] == "machine code"
     for one, other in zip(before, after, strict=True):
@@ -215,6 +215,6 @@ def test_without_a_compiler_the_list_of_operations_remains(monkeypatch: pytest.M
     equations = swinging().equations(0, 1)
     own = CompiledCvodes(equations, 2, STOPS, TOLERANCES, 1000)
     monkeypatch.setattr("heavebond.numerics.compiled_cvodes.compiler", lambda: None)
-    equations.spent(10.0)
+    equations.spent(10**12, False)
     run(own, [1.0, 0.0], [0.2, 0.3], [0.4])
     assert own.stats()["equations"] == "list of operations"

@@ -189,7 +189,7 @@ def test_cases_that_share_their_equations(folder: Path, monkeypatch: pytest.Monk
     found = [worked(study, k, None) for k in range(24)]
     shared = shared_runs._KNOWN.shared[-1]
     assert shared.runs is not None and shared.runs.simulator.equations is not None
-    shared.runs.simulator.equations.spent(100.0)
+    shared.runs.simulator.equations.spent(10**12, False)
     again = {k: worked(study, k, None) for k in reversed(range(24))}
     sent = worked(study.packed()(17), 17, None)
     assert sent.values == found[17].values and shared_runs._KNOWN.shared[-1] is not shared

@@ -17,7 +17,7 @@ from heavebond.core.errors import HeavebondError, SimulationError, StartError
 from heavebond.core.progress import Progress
 from heavebond.core.units import Range
 from heavebond.diagnosis.catalogue import Candidate
-from heavebond.diagnosis.early_stopping import LITTLE, made_progress, stop_inferior_starts, stop_stalled
+from heavebond.diagnosis.early_stopping import LITTLE, Enough, made_progress, stop_inferior_starts, stop_stalled
 from heavebond.diagnosis.predictive_errors import SELECTION, TEST, PredictiveErrors, predictive_errors
 from heavebond.diagnosis.range_ends import passed_ends
 from heavebond.diagnosis.scoring import (
@@ -401,10 +401,9 @@ class _RefitProblem:
         if not chosen or process_time() - self.began > SECONDS:
             return []
         enough = stop_inferior_starts(self.problem.high - self.problem.low, least)
-        found = [self.problem.descend(start, False, progress, most=FIRST, tolerance=1e-4, method="trf", enough=enough,
-                                      promise=LITTLE) for start in chosen]
+        found = [self.descend(start, progress, FIRST, 1e-4, enough=enough) for start in chosen]
         if all(2 * e.cost > self.base.cost for e in found) and (beside := self._beside()) is not None:
-            found.append(self.descend(beside, progress, FIRST, 1e-4))
+            found.append(self.descend(beside, progress, FIRST, 1e-4, enough=enough))
         return sorted(found, key=lambda e: e.cost)
 
     def follow(self, begun: Sequence[Descent], progress: Progress) -> Array:
@@ -433,10 +432,10 @@ class _RefitProblem:
         return self._start(_Plan({**first, **small}, inside))
 
     def descend(self, start: Array, progress: Progress, most: int, tolerance: float,
-                method: Literal["trf", "dogbox"] = "trf") -> Descent:
+                method: Literal["trf", "dogbox"] = "trf", enough: Enough = stop_stalled) -> Descent:
         """Steps that find their way from afar, until they hardly bring anything more."""
         return self.problem.descend(start, False, progress, most=most, tolerance=tolerance, method=method,
-                                    enough=stop_stalled, promise=LITTLE)
+                                    enough=enough, promise=LITTLE)
 
     def judged(self, inner: Array) -> Refit:
         """The figures at the end, from runs of IDAS."""
