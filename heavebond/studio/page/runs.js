@@ -5,6 +5,11 @@ import { DASHES, Plots } from "./plots.js";
 import { problemList } from "./results.js";
 
 export class Runs {
+  /** @type {Record<string, string>} */ values = {}; // of the sliders
+  /** @type {string[]} */ plotted = [];
+  /** @type {any} */ live = null;
+  /** @type {any[]} */ kept = [];
+
   /** @param {any} studio */
   constructor(studio) {
     this.studio = studio;
@@ -15,10 +20,7 @@ export class Runs {
 
   /** As for a diagram that was just opened. */
   clear() {
-    /** @type {Record<string, string>} */ this.values = {};
-    /** @type {string[]} */ this.plotted = [];
-    /** @type {any} */ this.live = null;
-    /** @type {any[]} */ this.kept = [];
+    Object.assign(this, { values: {}, plotted: [], live: null, kept: [] });
     this.serial = 0;
     this.plots.empty("Press Run (Ctrl+Enter) to simulate. Then click parts and wires to find signals to plot, and move the sliders of parameters.");
     this.showRuns();
