@@ -239,3 +239,21 @@ def test_names_of_others_are_text_and_nothing_else(tab: browser.Tab, server: Ser
     assert tab.run("document.querySelectorAll('#panel img, #panel script, #home i, #sheet script, #sheet img').length") == 0
     assert tab.complaints == []
     (server.folder / name).unlink()
+
+
+def test_keys_are_listed_and_borders_moved_by_keyboard(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server, "keys.yaml")
+    tab.run("document.getElementById('sheet').focus()")
+    tab.key("?", text="?")
+    assert "draw a wire" in tab.wait("document.querySelector('#keys[open]')?.innerText")
+    tab.key("Escape", code=27)
+    assert tab.run("document.querySelector('dialog[open]') === null")
+    for border, pane, key, code in (("split-text", "text", "ArrowLeft", 37), ("split-panel", "panel", "ArrowRight", 39)):
+        wide = f"document.getElementById('{pane}').getBoundingClientRect().width"
+        before = tab.run(wide)
+        tab.run(f"document.getElementById('{border}').focus()")
+        tab.key(key, code=code)
+        assert tab.run(wide) == pytest.approx(before - 24, abs=1)
+        tab.key("Home", code=36)
+        assert tab.run(wide) == pytest.approx(before, abs=1)
+    assert tab.complaints == []

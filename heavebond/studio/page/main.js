@@ -10,6 +10,7 @@ import { Evidence } from "./evidence.js";
 import { DiagramFile } from "./file.js";
 import { Handling } from "./handling.js";
 import { showHome } from "./home.js";
+import { showKeys } from "./keys.js";
 import { Link } from "./link.js";
 import { Machine } from "./machine.js";
 import { Palette } from "./palette.js";
@@ -64,6 +65,7 @@ class Studio {
 
   listen() {
     byId("go-home").onclick = () => this.home();
+    byId("show-keys").onclick = showKeys;
     byId("go-back").onclick = () => this.goBack();
     byId("save").onclick = () => this.file.save();
     byId("copy").onclick = () => this.make("copy");
@@ -95,6 +97,7 @@ class Studio {
       if (event.altKey && event.key === "h") { event.preventDefault(); void this.home(); }
       if (event.altKey && event.key === "l" && this.document) { event.preventDefault(); this.palette.toggle(); }
       if (event.key === "/" && !mod && !event.altKey && this.edits.possible && !this.typing(event.target) && !document.querySelector("dialog[open]")) { event.preventDefault(); this.palette.toggle(true); }
+      if (event.key === "?" && !mod && !this.typing(event.target) && !document.querySelector("dialog[open]")) { event.preventDefault(); showKeys(); }
       if (mod && !this.typing(event.target)) {
         const key = event.key.toLowerCase();
         if (key === "z" && !event.shiftKey) { event.preventDefault(); this.editor.undo(); }
