@@ -71,6 +71,13 @@ def test_the_inside_is_shown_with_the_ports_of_the_block(tmp_path: Path) -> None
     assert [p["line"] for p in bad["problems"]] == [8]
 
 
+def test_a_port_on_a_node_inside_a_block_is_connected(tmp_path: Path) -> None:
+    _job(tmp_path)
+    text = RIG.replace("nodes:\n", "  lid: {is: Mass, m: 1 kg}\nnodes:\n  strut.right: [+lid.a]\n")
+    parts = view(Job(text, str(tmp_path / "rig.yaml"), "rig.yaml"))["parts"]
+    assert parts["lid"]["ports"][0]["node"] == "strut.right"
+
+
 @pytest.mark.parametrize(("action", "changed"), [
     ({"act": "set", "path": "damper.d", "value": "50 N*s/m"},
      ["-  damper: {is: Damper, d: 100 N*s/m, at: [0, 1]}", "+  damper: {is: Damper, d: 50 N*s/m, at: [0, 1]}"]),

@@ -65,8 +65,9 @@ def _run_settings(model: Model) -> Entry:
 
 def port_entries(expanded: Expanded, network: Network, drawn: Drawn) -> dict[str, list[Entry]]:
     """The ports of the parts on the outermost sheet: what they carry, where wires end at them, the node they are on."""
-    on = {end.name: path for path, junction in expanded.junctions.items() if "." not in path
-          for end in junction.ends if end.sign > 0}
+    # a node inside a block may reach out to a part of the sheet: `block.node: [+part.port]`
+    on = {end.name: path for path, junction in expanded.junctions.items()
+          for end in junction.ends if end.sign > 0 and "." not in end.leaf}
     found: dict[str, list[Entry]] = {}
     for item in drawn.items:
         leaf = expanded.leaves[item.part.path]

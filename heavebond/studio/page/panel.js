@@ -184,7 +184,7 @@ export class Panel {
     const { edits, evidence } = this.studio, told = view.settings;
     if (!told || evidence.active || (!edits.possible && !told.until)) return [];
     const act = (/** @type {any} */ action) => void edits.act(action).then((/** @type {boolean} */ done) => { if (!done) this.show(); });
-    const row = (/** @type {string} */ id, /** @type {string} */ label, /** @type {any} */ field) => el("div", { class: "parameter" }, el("div", { class: "head" }, el("label", { for: id }, ...breakable(label)), el("span", { class: "value" }, field)));
+    const row = (/** @type {string} */ id, /** @type {string} */ label, /** @type {any} */ field) => el("div", { class: "parameter setting" }, el("div", { class: "head" }, el("label", { for: id }, ...breakable(label)), el("span", { class: "value" }, field)));
     const field = (/** @type {string} */ key, /** @type {string} */ label, /** @type {string} */ hint) => row(`run-${key}`, label, el("input", { id: `run-${key}`, class: "mono", value: told[key], disabled: !edits.possible, placeholder: hint, spellcheck: "false", autocomplete: "off",
       onchange: (/** @type {any} */ e) => act({ act: "setting", key, value: e.target.value }) }));
     const start = el("select", { id: "run-start", disabled: !edits.possible, onchange: (/** @type {any} */ e) => act({ act: "setting", key: "start", value: e.target.value }) },
