@@ -330,6 +330,10 @@ def test_a_job_that_is_stopped_gives_its_best_so_far_and_one_that_fails_its_reas
             await _done(job)
             assert job.state == "done" and job.told["partial"] and job.told["verdict"] == "undetermined"
             assert job.told["ladder"] == job.ladder
+            written = [Path(file) for file in await job.write({"report": True})]
+            assert [file.name for file in written] == ["measured_report.html"]
+            assert "Diagnosis of rig, measured" in written[0].read_text(encoding="utf-8")
+            written[0].unlink()
             (rig / "broken.yaml").write_text(EXPERIMENT.replace("load_m", "lod_m"), encoding="utf-8")
             failed = await _done(jobs.begin("where", "broken.yaml", rig / "broken.yaml", "v", {}))
             (rig / "broken.yaml").unlink()
