@@ -17,7 +17,7 @@ import casadi as ca
 
 from heavebond.core.units import Dimension, Unit, dimension_text, is_generic, read_unit, solved
 from heavebond.equations.connect import Group, Network, connect
-from heavebond.equations.expand import Expanded, Leaf
+from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.parameters import formula_order
 from heavebond.estimation.change import Change, Part
 from heavebond.estimation.comparison import assemble_for

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from math import isfinite
 
 from heavebond.diagnosis.catalogue import Candidate, EffectNumber, within
-from heavebond.equations.expand import Leaf
+from heavebond.equations.expanded import Leaf
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment
 from heavebond.language.definition import Parameter

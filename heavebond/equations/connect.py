@@ -19,7 +19,7 @@ from heavebond.core.units import (
     solved,
     times,
 )
-from heavebond.equations.expand import Bound, Expanded
+from heavebond.equations.expanded import Bound, Expanded
 from heavebond.language.definition import FileInput, Value
 from heavebond.text.dimensions import dimension
 from heavebond.text.expression import ExpressionProblem, Name, Number

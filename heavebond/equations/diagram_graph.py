@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from heavebond.equations.connect import Group, Network, connect, signal_unit
-from heavebond.equations.expand import Expanded, expand
+from heavebond.equations.expand import expand
+from heavebond.equations.expanded import Expanded
 from heavebond.equations.medium import with_media
 from heavebond.equations.parameters import formula_order
 from heavebond.language.model import Model

@@ -10,7 +10,7 @@ import casadi as ca
 
 from heavebond.core.errors import Place, Problems
 from heavebond.core.units import Unit
-from heavebond.equations.expand import Expanded, Leaf
+from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.parameters import FlatParameter, Parameters
 from heavebond.language.definition import Value, Variable
 from heavebond.language.incidence import Interval

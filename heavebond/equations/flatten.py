@@ -13,7 +13,8 @@ from heavebond.core.errors import ModelError, Place, Problems
 from heavebond.core.units import DIMENSIONLESS, ONE, Dimension, Unit, declared_unit, dimension_text, read_unit
 from heavebond.equations.connect import Group, Network, connect, drivers, signal_unit
 from heavebond.equations.events import FlatEvent, Held, held_bounds, leaf_events, with_held
-from heavebond.equations.expand import Bound, Expanded, Leaf, expand
+from heavebond.equations.expand import expand
+from heavebond.equations.expanded import Bound, Expanded, Leaf
 from heavebond.equations.medium import with_media
 from heavebond.equations.output_checks import check_asked
 from heavebond.equations.ownership import Names, check_outputs, claim_clocks, claim_names

@@ -13,7 +13,8 @@ from dataclasses import replace
 
 from heavebond.core.errors import ModelError, Problems, either
 from heavebond.equations.connect import Terminal
-from heavebond.equations.expand import Bound, Expanded, Leaf, Medium, default
+from heavebond.equations.expand import default
+from heavebond.equations.expanded import Bound, Expanded, Leaf, Medium
 from heavebond.language.definition import Component, Domain, Parameter, Value
 from heavebond.text.expression import Name
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from heavebond.core.errors import Place, Problems
 from heavebond.equations.connect import Group, Network
 from heavebond.equations.events import Held
-from heavebond.equations.expand import Expanded, Leaf
+from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.resolver import POWER
 from heavebond.language.definition import Domain
 from heavebond.language.sections import NamedOutput

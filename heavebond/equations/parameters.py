@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from heavebond.core.errors import NAMES_LISTED, ModelError, Place, Problem, Problems, UsageError, listing, suggest
 from heavebond.core.units import ONE, Dimension, Range, Unit, dimension_text, is_generic, solved
 from heavebond.equations.connect import Network
-from heavebond.equations.expand import Bound, Expanded, Leaf
+from heavebond.equations.expanded import Bound, Expanded, Leaf
 from heavebond.language.definition import Domain, Formula, Parameter, Value
 from heavebond.language.incidence import Interval
 from heavebond.language.symbols import Context, evaluate, stack

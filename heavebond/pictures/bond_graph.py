@@ -18,7 +18,8 @@ from dataclasses import dataclass, field, replace
 
 from heavebond.core.presentation import count
 from heavebond.equations.connect import Network, connect
-from heavebond.equations.expand import Expanded, Leaf, expand
+from heavebond.equations.expand import expand
+from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.language.definition import Component, Domain
 from heavebond.language.model import Model
 from heavebond.text.expression import names

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from heavebond.core.presentation import number, unit_label
 from heavebond.core.quoting import xml
 from heavebond.equations.connect import Network, connect
-from heavebond.equations.expand import Expanded, expand
+from heavebond.equations.expand import expand
+from heavebond.equations.expanded import Expanded
 from heavebond.language.definition import Component
 from heavebond.language.library import domains
 from heavebond.language.model import Model, ModelOrFile, loaded

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from heavebond.core.errors import Problem, UsageError, listing, suggest
 from heavebond.core.presentation import readable, unit_label
 from heavebond.equations.connect import Network
-from heavebond.equations.expand import Expanded, Leaf
+from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.language.definition import Body, Component, FileInput, Value
 from heavebond.pictures.text_metrics import shortened
 from heavebond.text.expression import Number, names

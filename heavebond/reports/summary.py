@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 
 from heavebond.core.errors import listing
 from heavebond.core.presentation import columns, count, path_text, readable
-from heavebond.equations.expand import Medium
+from heavebond.equations.expanded import Medium
 from heavebond.equations.flatten import EquationRole, Flat, FlatEquation
 from heavebond.equations.grounding import Circuit, circuits
 from heavebond.equations.state_selection import Column

@@ -13,7 +13,8 @@ import numpy as np
 
 from heavebond.core.errors import HeavebondError, Problem, Problems, RunWarning
 from heavebond.equations.connect import connect_as_far
-from heavebond.equations.expand import Expanded, expand_as_far
+from heavebond.equations.expand import expand_as_far
+from heavebond.equations.expanded import Expanded
 from heavebond.estimation.experiment import Experiment, experiment_from_source
 from heavebond.language.definition import Instance
 from heavebond.language.model import Model, from_source

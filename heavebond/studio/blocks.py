@@ -7,7 +7,8 @@ from pathlib import Path
 
 from heavebond.core.errors import ModelError, Place, Problem, Problems
 from heavebond.equations.connect import Network, connect_as_far
-from heavebond.equations.expand import Bound, Expanded, Leaf, expand_as_far
+from heavebond.equations.expand import expand_as_far
+from heavebond.equations.expanded import Bound, Expanded, Leaf
 from heavebond.language import laws
 from heavebond.language.component_file import parse_component
 from heavebond.language.definition import Body, Component, Instance, Value

@@ -9,7 +9,7 @@ from heavebond.core.errors import Problem
 from heavebond.core.presentation import readable
 from heavebond.core.units import Unit, UnitProblem, read_unit
 from heavebond.equations.connect import Network
-from heavebond.equations.expand import Bound, Expanded, Leaf
+from heavebond.equations.expanded import Bound, Expanded, Leaf
 from heavebond.equations.parameters import declared
 from heavebond.language.definition import Component, FileInput, Parameter, SignalPort, Value
 from heavebond.language.model import Model

@@ -10,7 +10,8 @@ from typing import Any
 
 from heavebond.core.errors import Problem, Problems, UsageError, suggest
 from heavebond.equations.connect import Network, connect_as_far
-from heavebond.equations.expand import Expanded, expand_as_far
+from heavebond.equations.expand import expand_as_far
+from heavebond.equations.expanded import Expanded
 from heavebond.language import reading
 from heavebond.language.component_file import COMPONENT_KEYS
 from heavebond.language.library import example

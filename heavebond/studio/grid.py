@@ -8,7 +8,7 @@ from math import ceil, floor, isfinite
 from typing import Any
 
 from heavebond.equations.connect import Network
-from heavebond.equations.expand import Expanded
+from heavebond.equations.expanded import Expanded
 from heavebond.pictures.drawing import own_sides
 from heavebond.pictures.layout import Drawn, placed
 from heavebond.pictures.sheets import sheet

@@ -1,0 +1,97 @@
+"""An opened diagram: every component with equations and every node inside its blocks, by full path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from heavebond.core.errors import Place
+from heavebond.language.definition import Component, FileInput, Port, SignalPort, Value
+from heavebond.language.model import Model
+from heavebond.text.expression import names
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A value given to a parameter or an input, and the scope (path prefix) in which its names are looked up."""
+
+    value: Value | FileInput
+    scope: str
+    place: Place
+
+    @property
+    def varies(self) -> bool:
+        """Whether a measured file or a formula in time gives the value."""
+        return isinstance(self.value, FileInput) or any(n.text == "time" for n in names(self.value.expr))
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """A component in the opened diagram. A block is a leaf too: it may have equations beside its parts."""
+
+    path: str
+    component: Component
+    place: Place
+    parameters: dict[str, Bound]
+    inputs: dict[str, Bound]
+    integers: dict[str, int]
+
+    @property
+    def scope(self) -> str:
+        """The prefix of the names inside."""
+        return self.path + "."
+
+
+@dataclass(frozen=True)
+class PortEnd:
+    """A port on a node; the sign is -1 for a block's own port seen from its inside."""
+
+    leaf: str
+    port: str
+    sign: int
+    place: Place
+
+    @property
+    def name(self) -> str:
+        """Its full path."""
+        return f"{self.leaf}.{self.port}" if self.leaf else self.port
+
+
+@dataclass(frozen=True)
+class Junction:
+    """A node: its full path and the ends that it joins."""
+
+    path: str
+    ends: tuple[PortEnd, ...]
+    place: Place
+
+
+@dataclass(frozen=True)
+class Medium:
+    """What fills a circuit: the part `source` of this `kind` that sets it (empty: nothing does, and its usual values stand
+    in), the nodes of the circuit, and the parameters `takers` that take their values from it."""
+
+    source: str
+    kind: str
+    nodes: tuple[str, ...]
+    takers: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Expanded:
+    """The opened diagram. `ports` and `signals` tell what each port end carries, by full port path; `media` what fills
+    the circuits that have parts which ask for it, `sheets` which parameters follow those of a part that is their data sheet.
+    """
+
+    model: Model
+    leaves: dict[str, Leaf]
+    junctions: dict[str, Junction]
+    parameters: dict[str, Bound] = field(default_factory=dict)
+    ports: dict[str, Port] = field(default_factory=dict)
+    signals: dict[str, SignalPort] = field(default_factory=dict)
+    media: tuple[Medium, ...] = ()
+    sheets: dict[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @property
+    def blocks(self) -> list[str]:
+        """The components that are made of others."""
+        return [path for path, leaf in self.leaves.items() if leaf.component.composite]

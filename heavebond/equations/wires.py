@@ -1,0 +1,212 @@
+"""Wires of a diagram while its blocks are opened: which ports and signals each node joins, arrays as one node an element."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from heavebond.core.errors import Place, Problems, listing, nearest, suggest
+from heavebond.core.units import is_generic
+from heavebond.equations.arrays import array_text, part_of
+from heavebond.equations.expanded import Junction, Leaf, PortEnd
+from heavebond.language.definition import Body, Component, End, Instance, Port, SignalPort
+from heavebond.language.sections import Setting
+from heavebond.text.shapes import whole_number
+
+
+class Wires:
+    """The nodes of all levels by full path, and what every port carries; `leaves` are the components that are open so far,
+    `unused` the settings that no component has taken yet."""
+
+    def __init__(self, leaves: Mapping[str, Leaf], unused: Mapping[str, Setting], problems: Problems):
+        self.leaves, self.unused, self.problems = leaves, unused, problems
+        self.junctions: dict[str, Junction] = {}
+        self.ports: dict[str, Port] = {}
+        self.signals: dict[str, SignalPort] = {}
+        self.extra: dict[str, list[PortEnd]] = {}
+        self.extra_places: dict[str, Place] = {}
+        # ports that a misspelt end most likely meant, and parts with such an end: not reported as unconnected as well
+        self.meant: set[str] = set()
+
+    def inside_blocks(self) -> None:
+        """No wire to a node inside a block is left over."""
+        for path in self.extra:
+            self.problems.add("node-unknown", f"there is no node '{path}' inside a block", self.extra_places[path],
+                              hint=suggest(path, self.junctions) or f"Nodes: {listing(self.junctions)}.")
+
+    def join(self, body: Body, prefix: str, owner: Component | None, known: dict[str, Component]) -> None:
+        """The nodes of one level, and what on it is on no node."""
+        on: dict[str, tuple[str, Place]] = {}
+        for wire in body.wires.values():
+            ends = []
+            if not wire.ends:
+                self.problems.add("node-empty", f"node '{wire.name}' joins nothing", wire.place,
+                                  hint=f"Write its ports, `{wire.name}: [spring.a, wall.a]`, or remove the line.")
+            for end in wire.ends:
+                found = self._end(end, prefix, owner, known, body)
+                if found is None:
+                    continue
+                if found.name in on:
+                    node, first = on[found.name]
+                    twice = node == wire.name
+                    self.problems.add("port-on-two-nodes", f"'{end.path}' stands twice on node '{node}'" if twice else
+                                      f"'{end.path}' is on two nodes, '{node}' (line {first.line}) and '{wire.name}'",
+                                      end.place, hint="Remove one of the two." if twice else "A port is on one node; "
+                                      "join the two nodes into one, or remove the port from one of them.")
+                    continue
+                on[found.name] = (wire.name, end.place)
+                ends.append(found)
+            if "." in wire.name:
+                self.extra.setdefault(prefix + wire.name, []).extend(ends)
+                self.extra_places[prefix + wire.name] = wire.place
+            else:
+                path = prefix + wire.name
+                self.junctions[path] = Junction(path, (*ends, *self.extra.pop(path, [])), wire.place)
+        for name, component in known.items():
+            self._unconnected(prefix, body.instances[name], component, on)
+
+    def _end(self, end: End, prefix: str, owner: Component | None, known: dict[str, Component],
+             body: Body) -> PortEnd | None:
+        head, _, port = end.path.partition(".")
+        if "[" in head:  # an element or a part of an array of the block's own
+            head, port = end.path, ""
+        if not port and owner is not None and head.partition("[")[0] in (*owner.ports, *owner.signal_names):
+            return PortEnd(prefix[:-1], head, -1, end.place)
+        if head in body.instances and head not in known:
+            return None  # its kind is unknown, which is said already
+        component = known.get(head)
+        if component is None or not port:
+            self._bad_end(end, prefix, known, owner)
+            return None
+        base = port.partition("[")[0]
+        if base not in component.ports and base not in component.signals:
+            choices = [*component.ports, *component.signals]
+            self.meant |= {f"{prefix}{head}.{p}" for p in choices}
+            self.problems.add("port-unknown", f"'{head}' ({component.name}) has no port '{port}'", end.place,
+                              hint=suggest(port, choices) or f"Its ports: {listing(choices)}.")
+            return None
+        return PortEnd(prefix + head, port, 1, end.place)
+
+    def _bad_end(self, end: End, prefix: str, known: dict[str, Component], owner: Component | None) -> None:
+        head = end.path.partition(".")[0]
+        if head in known:
+            ports = [*known[head].ports, *known[head].signals]
+            self.meant |= {f"{prefix}{head}.{p}" for p in ports}
+            self.problems.add("port-missing", f"'{head}' is a component; a node joins its ports", end.place,
+                              hint="Write " + " or ".join(f"`{head}.{p}`" for p in ports[:4]) + ".")
+            return
+        own = [*owner.ports, *owner.signals] if owner else []
+        ends = [f"{n}.{p}" for n, c in known.items() for p in (*c.ports, *c.signals)] + own
+        near = nearest(end.path, ends)
+        if near:
+            self.meant.add(prefix + near)
+        what = f"there is no component '{head}'" if "." in end.path or not owner else \
+            f"this block has neither a component nor a port '{head}'"
+        self.problems.add("end-unknown", what, end.place,
+                          hint=suggest(end.path, ends) or suggest(head, known) or f"Components: {listing(known)}.")
+
+    def _unconnected(self, prefix: str, instance: Instance, component: Component,
+                     on: dict[str, tuple[str, Place]]) -> None:
+        path = prefix + instance.name
+        for port in component.ports.values():
+            self.ports[f"{path}.{port.name}"] = port
+            joined = f"{path}.{port.name}" in on or f"{path}.{port.name}" in self.meant
+            if port.count is None and not joined:
+                self.problems.add("port-unconnected", f"port '{instance.name}.{port.name}' is on no node",
+                                  instance.place, hint=f"Add `{instance.name}.{port.name}` to a node; a free end is "
+                                  f"a node of its own: `{instance.name}_{port.name}: [{instance.name}.{port.name}]`.")
+        for name, signal in component.signals.items():
+            if signal.count is None:  # the elements of a vector are known later
+                self.signals[f"{path}.{name}"] = signal
+                given = name in instance.settings or f"{path}.{name}" in self.unused
+                self._input(instance.name, signal, instance.place, given or f"{path}.{name}" in on
+                            or f"{path}.{name}" in self.meant)
+
+    def _input(self, part: str, signal: SignalPort, place: Place, driven: bool) -> None:
+        """An input has a value, or is on a node."""
+        if signal.direction == "in" and not driven:
+            unit = "" if signal.unit.text == "1" or is_generic(signal.unit.dimension) else f" {signal.unit.text}"
+            self.problems.add("input-unconnected", f"input '{part}.{signal.name}' has no value", place,
+                              hint="Join it to an output on a node, or give it in place: "
+                              f"`{signal.name}: 0{unit}`.")
+
+    def arrays(self) -> None:
+        """Every element of an array of ports is on a node, and no other. A node of whole arrays is one for each element."""
+        self.junctions = {one.path: one for junction in self.junctions.values() for one in self._elements(junction)}
+        joined = {end.name: end for junction in self.junctions.values() for end in junction.ends if end.sign > 0}
+        self._vectors(joined)
+        for path, leaf in self.leaves.items():
+            for port in leaf.component.ports.values():
+                count = None if port.count is None else whole_number(port.count, leaf.integers)
+                if count is None or f"{path}.{port.name}" in self.meant:
+                    continue
+                wanted = [f"{path}.{port.name}[{k}]" for k in range(1, count + 1)]
+                for name, end in joined.items():
+                    if name.partition("[")[0] == f"{path}.{port.name}" and name not in wanted:
+                        self.problems.add("port-index", f"'{path}' has the ports {port.name}[1] to {port.name}[{count}]; "
+                                          f"'{end.port}' is none of these", end.place,
+                                          hint=f"Write `{path}.{port.name}[1]`, in quotes inside a list.")
+                missing = [name for name in wanted if name not in joined]
+                if missing:
+                    self.problems.add("port-unconnected", f"{listing([repr(m) for m in missing], 4)} "
+                                      f"{'is' if len(missing) == 1 else 'are'} on no node", leaf.place,
+                                      hint="Join each to a node (in quotes inside a list), or lower the number of ports.")
+
+    def _vectors(self, joined: dict[str, PortEnd]) -> None:
+        """The elements of vectors of signals: each is on a node or given, and no other is named."""
+        for path, leaf in self.leaves.items():
+            vectors = {name: signal for name, signal in leaf.component.signals.items() if "[" in name}
+            if not vectors:
+                continue
+            self.signals.update({f"{path}.{name}": signal for name, signal in vectors.items()})
+            whole = {name.partition("[")[0] for name in vectors}
+            for name, signal in vectors.items():
+                meant = f"{path}.{name.partition('[')[0]}" in self.meant
+                self._input(path, signal, leaf.place, meant or name in leaf.inputs or f"{path}.{name}" in joined)
+            for end in joined.values():
+                if end.leaf == path and end.port.partition("[")[0] in whole and end.port not in vectors:
+                    self.problems.add("port-index", f"'{path}' has the signals {listing(vectors)}; '{end.port}' is none of "
+                                      "these", end.place, hint="An index counts from 1.")
+
+    def _elements(self, junction: Junction) -> list[Junction]:
+        """The junctions `path[1]`, `path[2]` that a node of whole arrays of ports, of vectors of signals or of parts of them
+        is; any other as it is."""
+        arrays = {end.name: found for end in junction.ends if (found := self._array(end)) is not None}
+        if not arrays:
+            return [junction]
+        shapes = {name: array_text(found) for name, found in arrays.items()}
+        single = next((end for end in junction.ends if end.name not in arrays), None)
+        if single is not None or len(set(shapes.values())) > 1:
+            name, shape = next(iter(shapes.items()))
+            other = f"'{single.name}' is one {'signal' if self._is_signal(single) else 'port'}" if single is not None else \
+                next(f"'{n}' is {s}" for n, s in shapes.items() if s != shape)
+            self.meant |= {name.partition("[")[0] for name in arrays}
+            self.problems.add("array-length", f"node '{junction.path}' joins whole arrays: '{name}' is {shape}, {other}",
+                              junction.place, hint="Join arrays of one length, or single elements or parts, such as "
+                              f'`"{name.partition("[")[0]}[1]"` and `"{name.partition("[")[0]}[1..2]"`, in quotes.')
+            return []
+        bases = {end.name: end.port.partition("[")[0] for end in junction.ends}
+        return [Junction(f"{junction.path}{index}", tuple(replace(end, port=bases[end.name] + arrays[end.name][index])
+                                                          for end in junction.ends), junction.place)
+                for index in next(iter(arrays.values()))]
+
+    def _is_signal(self, end: PortEnd) -> bool:
+        leaf = self.leaves.get(end.leaf)
+        return leaf is not None and leaf.component.signal(end.port) is not None
+
+    def _array(self, end: PortEnd) -> dict[str, str] | None:
+        """The indices of the elements that an end means, from 1, and those in the array of which it is the whole or a part;
+        None for one port or signal."""
+        leaf = self.leaves.get(end.leaf)
+        if leaf is None:
+            return None
+        base, bracket, inside = end.port.partition("[")
+        port = leaf.component.ports.get(base)
+        if port is not None:
+            size = None if port.count is None else whole_number(port.count, leaf.integers)
+            own = [] if size is None else [f"[{k}]" for k in range(1, size + 1)]
+        else:
+            own = [name.removeprefix(base) for name in leaf.component.signals if name.startswith(f"{base}[")]
+        if not own or (bracket and ".." not in inside):
+            return None
+        return {index: index for index in own} if not bracket else part_of(own, inside[:-1], leaf.integers)
