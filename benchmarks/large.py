@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import heavebond as hb
 from benchmarks import large_by_hand
 from benchmarks.large_by_hand import Flat
-from benchmarks.measuring import Figure, duration, paired, process, seconds, spoken
+from benchmarks.measuring import Figure, duration, paired, seconds, spoken
 from heavebond.numerics.simulator import Tolerances
 
 Array = NDArray[np.float64]
@@ -70,26 +70,6 @@ LARGE = (Large("drill_string", "cmc_ahc with its drill string in 500 pieces", 50
          Large("cylinders", "100 cylinders on one supply", 100, "", large_by_hand.cylinders))
 
 
-def _alone(text: str) -> tuple[float, float]:
-    """The processor time in s and the largest memory in MB of a process that reads, assembles, starts and integrates what an
-    expression gives, and does nothing else."""
-    said = process("-c", f"import resource, time; from benchmarks import chain, large; {text}; "
-                   "print(time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)").split()
-    return float(said[-2]), float(said[-1]) / 1024
-
-
-def hundred_thousand() -> list[Figure]:
-    """Diagrams of 100 000 unknowns before reduction, from the file to the end of the first run."""
-    found = []
-    for what, text in (("drill string in 5000 pieces (100 101 unknowns, 10 009 states)",
-                        "large.LARGE[0].simulator(5000).run()"),
-                       ("chain(10 000) (90 005 unknowns, 20 000 states)", "chain.ours(10000)")):
-        took, memory = _alone(text)
-        found.append(Figure(f"{what}: whole process", f"{duration(took)}, {memory:.0f} MB", "≤ 60 s, 3000 MB",
-                            took <= 60 and memory <= 3000))
-    return found
-
-
 def figures() -> list[Figure]:
     """From the file to the end of the first run, and the integration alone, both against the model by hand."""
     found = []
@@ -107,4 +87,4 @@ def figures() -> list[Figure]:
         found.append(Figure(f"{large.what}: read, assemble, start, integrate / build and integrate by hand", spoken(whole)))
         model = large.model(large.size)
         found.append(Figure(f"{large.what}: assembly", duration(seconds(partial(hb.assemble, model)))))
-    return [*found, *hundred_thousand()]
+    return found

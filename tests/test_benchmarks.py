@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import heavebond as hb
-from benchmarks import chain, compensator, heave, large
+from benchmarks import chain, compensator, heave, hundred_thousand, large
 from benchmarks.measuring import Paired, at_most, duration
 from heavebond.numerics import idas
 
@@ -26,6 +27,13 @@ def test_the_diagram_and_the_flat_equations_of_the_chain_agree() -> None:
 def test_the_diagram_and_the_flat_equations_of_large_machines_agree(machine: large.Large, size: int, until: float) -> None:
     # both are integrated to 1e-6 of what moves, each with its own steps
     assert machine.disagreement(size, until) < 1e-3
+
+
+@pytest.mark.parametrize("name", hundred_thousand.MACHINES)
+def test_the_machines_of_100_000_unknowns_run_in_small(name: str) -> None:
+    result = hundred_thousand.run(hundred_thousand.MACHINES[name].small())
+    assert np.isfinite(result.x).all() and np.ptp(result.x, axis=1).max() > 0
+    assert result.verdict.text == "clean"
 
 
 def test_the_order_of_least_fill_changes_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -50,6 +50,19 @@ def test_machine_code_gives_the_same_bits(eager: Path, name: str, solver: str, m
 
 
 @needs_compiler
+@pytest.mark.parametrize("name", ["cmc_ahc", "dc_stage"])
+def test_a_single_run_that_is_long_enough_is_compiled_before_it(eager: Path, name: str) -> None:
+    """The first points tell how long it will take; what is short stays with the list of operations."""
+    assembly = hb.assemble(hb.load(name))
+    long, short = (hb.simulate(assembly, 10.0, every=every) for every in (1e-3, 1e-2))
+    assert (long.statistics["equations"], short.statistics["equations"]) == ("machine code", "list of operations")
+    usual = hb.Simulator(assembly, 10.0, every=1e-3).run()
+    assert usual.statistics["equations"] == "list of operations"
+    assert np.array_equal(long.x, usual.x) and np.array_equal(long.z, usual.z)
+    assert long.statistics["nsteps"] == usual.statistics["nsteps"]
+
+
+@needs_compiler
 def test_gradients_backwards_by_machine_code_are_the_same(eager: Path) -> None:
     assembly = hb.assemble(hb.load("quarter_car"))
     cost = Evaluator(assembly, [read_cost(assembly, "rms(comfort)")], 0.0, 3.0)

@@ -26,6 +26,7 @@ from heavebond.text.expression import Expr, ExpressionProblem
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+MOST_NEWTON = 20  # steps to the algebraic unknowns from what IDAS interpolated
 # how often a signal may be differentiated
 DERIVATIVES = {"hold": 0, "linear": 1, "spline": 3}
 
@@ -325,6 +326,27 @@ def _augmented(x: ca.SX, z: ca.SX, p: ca.SX, dp: ca.SX, right: list[ca.SX]) -> t
     ends = np.cumsum([0, *(side.numel() for side in right)]).tolist()
     both = [stack([side, ca.vec(moved[begin:end, :])]) for side, begin, end in zip(right, ends[:-1], ends[1:], strict=True)]
     return stack([x, ca.vec(x_along)]), stack([z, ca.vec(z_along)]), both
+
+
+def summed(made: Integrand, factors: Factors | None) -> Integrand:
+    """Quadratures as states after the others: those of IDAS are left out of its choice of order, so that a run whose
+    states are straight lines would take its quadratures by first-order steps."""
+    dae = dict(made.dae)
+    if "quad" not in dae:
+        return made
+    if factors is not None:
+        dae["u"] = stack([dae["u"], factors.symbols])
+    rates = dae.pop("quad")
+    dae["x"], dae["ode"] = stack([dae["x"], ca.SX.sym("integral", rates.numel())]), stack([dae["ode"], rates])
+    return replace(made, dae=dae)
+
+
+def newton_loops(made: Integrand) -> ca.Function | None:
+    """Newton's method for the algebraic unknowns, given (t, x, p, u); None where there are none."""
+    dae = made.dae
+    if not dae["z"].numel():
+        return None
+    return solved_loops(dae["z"], stack([dae["t"], dae["x"], dae["p"], dae["u"]]), dae["alg"], MOST_NEWTON)
 
 
 def solved_loops(z: ca.SX, given: ca.SX, residuals: ca.SX, most: int) -> ca.Function:

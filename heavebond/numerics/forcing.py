@@ -66,7 +66,8 @@ def _parts(equations: ca.SX, time: ca.SX, p: ca.SX) -> list[ca.SX]:
     if not equations.numel() or not ca.depends_on(equations, time):
         return []
     _, _, parts = ca.extract_parametric(equations, stack([time, p]))
-    return [part for part in parts if ca.depends_on(part, time)]
+    timed = ca.which_depends(stack(parts), time, 1, True) if parts else []
+    return [part for part, depends in zip(parts, timed, strict=True) if depends]
 
 
 def _longest(values: Array, interval: float) -> float:

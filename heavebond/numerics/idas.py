@@ -18,6 +18,7 @@ import numpy as np
 
 from heavebond.numerics.dae import Array, Assembly, Integrand
 from heavebond.numerics.machine_code import Evaluated
+from heavebond.numerics.sparse_jacobian import given_jacobian
 
 # Largest number of steps between two output points: at a NaN IDAS would halve its step for minutes.
 MOST_STEPS = 300_000
@@ -58,7 +59,7 @@ class Idas:
         self._orders = _orders(made.dae)
         self._dae, self._begin = _ordered(made.dae, self._orders), float(stops[0])
         self._outputs = [float(t) for t in stops[1:]] if len(stops) > 1 else [self._begin + 1.0]
-        self._options = {**integrator_options(made.dae, tolerances), "max_num_steps": most_steps,
+        self._options = {**integrator_options(self._dae, tolerances), "max_num_steps": most_steps,
                          **({"max_step_size": made.longest} if made.longest else {})}
         if strict:
             self._options["suppress_algebraic"] = False
@@ -72,6 +73,10 @@ class Idas:
     def size1_in(self, name: str) -> int:
         """The number of elements of an input, as in `ca.Function`."""
         return self._usual.size1_in(name)
+
+    def expect(self, seconds: float) -> None:
+        """See `Evaluated`."""
+        self._usual.expect(seconds)
 
     def __call__(self, **given: Any) -> dict[str, Array]:
         """The states and algebraic unknowns (n, N) at the other stops."""
@@ -102,7 +107,7 @@ def _orders(dae: Mapping[str, ca.SX]) -> dict[str, list[int]]:
     """Orders of the states and algebraic unknowns of a large system that reduce fill-in (approximate minimum degree), as
     CSparse factorises in the given order. Empty for small systems."""
     n_x, n_z = dae["x"].numel(), dae["z"].numel()
-    if n_x + n_z < LARGE:
+    if not is_large(dae):
         return {}
     pattern = ca.jacobian_sparsity(ca.vertcat(dae["ode"], dae["alg"]), ca.vertcat(dae["x"], dae["z"]))
     order = (pattern + pattern.T + ca.Sparsity.diag(n_x + n_z)).amd()
@@ -140,13 +145,19 @@ def at_rest(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array
             yield now[0] * x_size, now[1] * z_size
 
 
+def is_large(dae: Mapping[str, ca.SX]) -> bool:
+    """Whether a system is factorised by CSparse."""
+    return bool(dae["x"].numel() + dae["z"].numel() >= LARGE)
+
+
 def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict[str, Any]:
     """The options of IDAS for a DAE."""
+    large = is_large(dae)
     return {
         "reltol": tolerances.rtol, "abstol": tolerances.atol, "max_num_steps": MOST_STEPS, "print_time": False,
         # small models factorise fastest by sparse QR; large ones by CSparse
-        "linear_solver": "qr" if dae["x"].numel() + dae["z"].numel() < LARGE else "csparse",
-        "suppress_algebraic": bool(dae["z"].numel()),
+        "linear_solver": "csparse" if large else "qr",
+        "suppress_algebraic": bool(dae["z"].numel()), **(given_jacobian(dae) if large else {}),
     }
 
 

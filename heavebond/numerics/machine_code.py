@@ -45,6 +45,8 @@ class CompilingConstants:
         of 28 to 561 operations. Doubled: searches are compiled after half as many runs, which pays for few.
     max_operations: operations up to which functions are compiled. Origin: measured up to 63 000 (10 s, 350 MB); a compiler
         takes more than proportional time and memory for longer functions. Doubled: compilations of a minute.
+    saved: share of the time of a run that machine code saves. Origin: measured, 15 to 30 % of plain runs. Doubled: single
+        runs are compiled that then take longer by as much as compiling takes.
     timeout: seconds after which the compiler is ended, where this program starts it. Origin: a bound. Doubled: nothing.
     """
 
@@ -52,6 +54,7 @@ class CompilingConstants:
     seconds_per_operation: float = 1.5e-4
     seconds_saved: float = 1.2e-9
     max_operations: int = 100_000
+    saved: float = 0.2
     timeout: float = 120.0
 
 
@@ -65,7 +68,8 @@ def compiler() -> str | None:
 
 def worthwhile(seconds: float, operations: int) -> bool:
     """Whether functions of so many operations are to be compiled after calls that took so long (s): once these have taken as
-    long as compiling takes. At worst the time is twice that of the better choice, whatever number of calls follows."""
+    long as compiling takes. At worst the time is twice that of the better choice, whatever number of calls follows. A call
+    that is known beforehand counts by what it saves, `COMPILING.saved` of its time."""
     return seconds >= COMPILING.seconds + COMPILING.seconds_per_operation * operations \
         and operations <= COMPILING.max_operations
 
@@ -143,6 +147,11 @@ class Evaluated:
             return self._function(**given)
         finally:
             self._seconds += clock.thread_time() - began
+
+    def expect(self, seconds: float) -> None:
+        """Compile at once where a call of so many seconds (s) saves as much as compiling takes."""
+        if not self._tried and worthwhile(COMPILING.saved * seconds, self._operations):
+            self._compile()
 
     def _compile(self) -> None:
         self._tried = True  # also where it fails

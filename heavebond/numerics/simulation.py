@@ -65,6 +65,7 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
     asked = solver or (written.text if written else "auto")
     simulator = Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol), sensitivities=sensitivities,
                           solver=asked, allow_fmu=allow_fmu)
+    simulator.expect(parameters)
     result = run_by_auto(simulator, parameters, allow_fmu) if asked == "auto" else _run_as_asked(simulator, parameters)
     report_verdict(assembly.model.name, result.verdict)
     return result

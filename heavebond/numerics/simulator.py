@@ -13,36 +13,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.cancellation import check
-from heavebond.core.errors import Problem, SimulationError, UsageError
+from heavebond.core.errors import HeavebondError, Problem, SimulationError, UsageError
 from heavebond.core.limits import OUTPUT_POINTS, RATE
 from heavebond.core.quantities import si_value
 from heavebond.equations.buffered import Buffered
 from heavebond.language.definition import Value
 from heavebond.language.model import Model
-from heavebond.language.symbols import stack
 from heavebond.numerics.co_simulation import check_allowed
-from heavebond.numerics.dae import Array, Assembly, Factors, Integrand, integrand, solved_loops, substitute_inputs
+from heavebond.numerics.dae import Array, Assembly, Factors, Integrand, integrand, newton_loops, substitute_inputs, summed
 from heavebond.numerics.dynamic_state_selection import StateChoice, StateChoices
 from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.event_integration import EventIntegration, settled
 from heavebond.numerics.failure_messages import Stop, check_decided, explain_failure, stop_times
 from heavebond.numerics.forcing import FORCING, Forcing
+from heavebond.numerics.idas import Idas, caught_errors, is_large
 from heavebond.numerics.idas import Tolerances as Tolerances  # a part of this module's interface
-from heavebond.numerics.idas import caught_errors
 from heavebond.numerics.initialise import Start, Tangent, start, tangent
 from heavebond.numerics.inputs import Pieced, pieced
 from heavebond.numerics.jumps import EventEquations
 from heavebond.numerics.result import ForwardSensitivities, Result, Stayed
-from heavebond.numerics.solvers import DEFAULT, RETYPE, Choice, Integrator, algebraic_left, chosen, integrator
+from heavebond.numerics.solvers import DEFAULT, RETYPE, Choice, Explicit, Integrator, algebraic_left, chosen, integrator
 from heavebond.numerics.start_equations import Point, StartEquations
 from heavebond.numerics.trace import Frame, Trace
 from heavebond.text.expression import constant
 
 Time = float | str
-MOST_NEWTON = 20  # steps to the algebraic unknowns from what IDAS interpolated
 ASIDE = 1e-3  # of each state's nominal size: how far from the start its stiffness is felt
 COUNTED = ("nsteps", "nfevals", "netfails", "equations")  # of an integration, in the statistics of a run
 POINTS = 1000  # output points where nothing is said
+MANY_POINTS = 10_000  # output points from which on a single run may be long enough to be compiled
+LOOKED_AT = 0.02  # share of a single run that is integrated beforehand, to find out how long it will take
 
 
 class Simulator:
@@ -128,7 +128,7 @@ class Simulator:
     @cached_property
     def loops(self) -> ca.Function | None:
         """Newton's method for the algebraic unknowns; None where there are none."""
-        return _loops(self.integrand)
+        return newton_loops(self.integrand)
 
     @cached_property
     def _hoist(self) -> Buffered:
@@ -136,7 +136,7 @@ class Simulator:
 
     def _made(self, assembly: Assembly, quadratures: ca.SX | None) -> Integrand:
         made = integrand(assembly, quadratures, len(self.sensitivities), self._moving(assembly))
-        return replace(_with_integrals(made, self.factors), longest=self.longest)
+        return replace(summed(made, self.factors), longest=self.longest)
 
     def _moving(self, assembly: Assembly) -> list[int]:
         """The parameters (indices) that move along the sensitivities: also those that follow the start or are held."""
@@ -156,7 +156,7 @@ class Simulator:
         raw = chart.assembly.reduced.express(ca.substitute(quadratures, self.assembly.arguments[4], u))
         quadratures = substitute_inputs(raw, self.assembly.flat, self.assembly.flat.time, u)
         made = self._made(chart.assembly, None if self.quadratures is None else quadratures)
-        return Frame(chart, EventEquations(chart.assembly, quadratures, factors), made, _loops(made))
+        return Frame(chart, EventEquations(chart.assembly, quadratures, factors), made, newton_loops(made))
 
     def _driven_as(self, like: Simulator) -> bool:
         """Whether another simulator has the same measured inputs over the same time."""
@@ -348,17 +348,11 @@ class Simulator:
 
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
         """Integrate from `first` over the stops; raises the integrator's RuntimeError where it fails."""
-        assembly = self.assembly
-        x0, z0, dp, blocks = first.x / assembly.x_nominal, first.z / assembly.z_nominal, self.along, 1
-        if moved is not None:
-            dp, blocks = moved.p, 1 + len(self.sensitivities)
-            x0 = np.concatenate([x0, (moved.x / assembly.x_nominal[:, None]).T.ravel()])
-            z0 = np.concatenate([z0, (moved.z / assembly.z_nominal[:, None]).T.ravel()])
-        n_x, n_all, n = len(x0), self.integrator.size1_in("x0"), len(self.stops) - 1
-        x0 = np.append(x0, np.zeros(n_all - n_x))  # integrals begin at 0, as does what stands in where no state is
-        x_size, z_size = np.tile(assembly.x_nominal, blocks), np.tile(assembly.z_nominal, blocks)
+        x0, z0, p = self._scaled_start(first, moved)
+        assembly, n_all, n = self.assembly, len(x0), len(self.stops) - 1
+        blocks = 1 if moved is None else 1 + len(self.sensitivities)
+        n_x, x_size, z_size = len(first.x) * blocks, np.tile(assembly.x_nominal, blocks), np.tile(assembly.z_nominal, blocks)
         middle = (self.stops[:-1] + self.stops[1:]) / 2
-        p = self._hoist(first.p, dp)["o0"]
         found = self.integrator(x0=x0, z0=z0, p=p, **self._driven(middle))
         x = np.column_stack([x0, np.asarray(found["xf"]).reshape(n_all, n)])
         z = self._settled(x, np.column_stack([z0, np.asarray(found["zf"]).reshape(len(z0), n)]), p, self.stops)
@@ -366,6 +360,38 @@ class Simulator:
         z, x, q = z * z_size[:, None], x[:n_x], x[n_all - self.integrals:]
         statistics = {k: v for k, v in self.integrator.stats().items() if k in COUNTED}
         return self._trace(x, z, q, statistics)
+
+    def _scaled_start(self, first: Start, moved: Tangent | None = None) -> tuple[Array, Array, Array]:
+        """x0, z0 and p of the integrator."""
+        assembly = self.assembly
+        x0, z0, dp = first.x / assembly.x_nominal, first.z / assembly.z_nominal, self.along
+        if moved is not None:
+            dp = moved.p
+            x0 = np.concatenate([x0, (moved.x / assembly.x_nominal[:, None]).T.ravel()])
+            z0 = np.concatenate([z0, (moved.z / assembly.z_nominal[:, None]).T.ravel()])
+        # integrals begin at 0, as does what stands in where no state is
+        x0 = np.append(x0, np.zeros(self.integrator.size1_in("x0") - len(x0)))
+        return x0, z0, self._hoist(first.p, dp)["o0"]
+
+    def expect(self, parameters: Mapping[str, float | str] | None = None) -> None:
+        """Compile the equations before a run that is made once, where its first points show that this pays. Runs of fewer
+        points are over too soon, and those with events are compiled on their way."""
+        points = int(LOOKED_AT * (len(self.stops) - 1))
+        integration = self.integrator
+        if len(self.stops) < MANY_POINTS or self.switching is not None or is_large(self.integrand.dae) or \
+                self.solver.name == "rosenbrock" or not isinstance(integration, Idas | Explicit):
+            return
+        try:
+            _, first, moved = self._started(parameters)
+            stops = self.stops[:points + 1]
+            made = integrator(self.solver.name, self.integrand, stops, self.tolerances)
+            x0, z0, p = self._scaled_start(first, moved)
+            began = clock.thread_time()
+            with caught_errors():
+                made(x0=x0, z0=z0, p=p, **self._driven((stops[:-1] + stops[1:]) / 2))
+        except (HeavebondError, RuntimeError):
+            return  # the run itself says what is wrong
+        integration.expect((clock.thread_time() - began) * (len(self.stops) - 1) / points)
 
     def _settled(self, x: Array, z: Array, p: ca.DM | Array, times: Array) -> Array:
         return z if self.loops is None else settled(self.loops, x, z, p, times, self.inputs(times))
@@ -377,14 +403,6 @@ def _by_direction(values: Array, sizes: Array) -> Array:
     return values.reshape(m, len(values) // m if m else 0, values.shape[1]) / sizes[:, None, None]
 
 
-def _loops(made: Integrand) -> ca.Function | None:
-    """Newton's method for the algebraic unknowns, given (t, x, p, u); None where there are none."""
-    dae = made.dae
-    if not dae["z"].numel():
-        return None
-    return solved_loops(dae["z"], stack([dae["t"], dae["x"], dae["p"], dae["u"]]), dae["alg"], MOST_NEWTON)
-
-
 def _directions(assembly: Assembly, names: tuple[str, ...], weight: float) -> Array:
     """One column per name: its parameter moved by its own size (1 where it is zero) times the weight, so that the
     error control sees sensitivities of the size of the states; UsageError for a name that is no parameter."""
@@ -394,19 +412,6 @@ def _directions(assembly: Assembly, names: tuple[str, ...], weight: float) -> Ar
         assembly.with_parameters({name: 0.0})  # says what is wrong with a name that cannot be set
         along[index[name], column] = weight * (abs(assembly.p[index[name]]) or 1.0)
     return along
-
-
-def _with_integrals(made: Integrand, factors: Factors | None) -> Integrand:
-    """Quadratures as states after the others: those of IDAS are left out of its choice of order, so that a run whose
-    states are straight lines would take its quadratures by first-order steps."""
-    dae = dict(made.dae)
-    if "quad" not in dae:
-        return made
-    if factors is not None:
-        dae["u"] = stack([dae["u"], factors.symbols])
-    rates = dae.pop("quad")
-    dae["x"], dae["ode"] = stack([dae["x"], ca.SX.sym("integral", rates.numel())]), stack([dae["ode"], rates])
-    return replace(made, dae=dae)
 
 
 def grid(model: Model, until: Time | None, every: Time | None) -> Array:

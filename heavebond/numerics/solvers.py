@@ -127,6 +127,11 @@ class Explicit:
         """The number of numbers in an input."""
         return self._function.size1_in(name)
 
+    def expect(self, seconds: float) -> None:
+        """See `Evaluated`; the Rosenbrock method is compiled in any case."""
+        if isinstance(self._function, Evaluated):
+            self._function.expect(seconds)
+
     def __call__(self, **given: Any) -> dict[str, Array]:
         return self._function(**given)
 
@@ -139,7 +144,8 @@ class Explicit:
 def solver_options(solver: str, dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict[str, Any]:
     """What a solver is told of a DAE."""
     options = integrator_options(dae, tolerances)
-    unknown = {"idas": (), "cvodes": ("suppress_algebraic",), "rosenbrock": ("suppress_algebraic", "linear_solver")}[solver]
+    unknown = {"idas": (), "cvodes": ("suppress_algebraic",),
+               "rosenbrock": ("suppress_algebraic", "linear_solver", "cache")}[solver]
     return {k: v for k, v in options.items() if k not in unknown}
 
 

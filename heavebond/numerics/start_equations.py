@@ -19,6 +19,7 @@ from heavebond.language.smoothing import SmoothedColumn, rounded
 from heavebond.language.symbols import CORNERS, split, stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.matrices import MATRICES, Matrix
+from heavebond.numerics.sparse_jacobian import jacobian
 from heavebond.text.expression import Call, Expr, FunctionCall, Name, children, inside
 
 # functions whose second argument is the width over which they turn
@@ -98,7 +99,7 @@ class StartSystem:
         self.rows = rows
         self._arguments = list(assembly.arguments)
         self._residuals, self._unknowns = stack([r.residual for r in rows]), unknowns
-        self._function = ca.Function("start", self._arguments, [self._residuals, ca.jacobian(self._residuals, unknowns)])
+        self._function = ca.Function("start", self._arguments, [self._residuals, jacobian(self._residuals, unknowns)])
         self._large = unknowns.numel() >= MATRICES.sparse_from
         self._buffered = Buffered(self._function, sparse=self._large)
 
@@ -236,9 +237,11 @@ class StartEquations:
     def widths(self) -> list[int]:
         """The parameters that are widths of regularised laws: that over which `smooth_sign` and `signed_sqrt` turn."""
         names = {name: k for k, name in enumerate(self.assembly.parameter_names)}
-        found = (names.get(f"{path}.{width}") for path, leaf in self.assembly.flat.expanded.leaves.items()
-                 for line in leaf.component.equations for side in (line.tree.left, line.tree.right)
-                 for width in _widths(side))
+        leaves = self.assembly.flat.expanded.leaves
+        components = {id(leaf.component): leaf.component for leaf in leaves.values()}  # many parts are of one kind
+        widths = {key: {width for line in component.equations for side in (line.tree.left, line.tree.right)
+                        for width in _widths(side)} for key, component in components.items()}
+        found = (names.get(f"{path}.{width}") for path, leaf in leaves.items() for width in widths[id(leaf.component)])
         return sorted({k for k in found if k is not None})
 
     @cached_property
