@@ -150,7 +150,7 @@ components:
 nodes:
   shaft: [motor.a, arm.a, weight.a, cable.b]
   frame: [frame.a, cable.a]
-initial: {arm.phi: 0 rad, arm.w: 0 rad/s}
+initial: {shaft.phi: 0 rad, shaft.w: 0 rad/s}
 """, text="""
 experiment: swing-up of a pendulum by a motor, recorded in closed loop
 model: pendulum.yaml
@@ -160,7 +160,7 @@ records:
   dircol: {file: dfki_simple_pendulum/dircol_swingup.csv, use: test, to: 3 s}
 time: {column: time_s, unit: s}
 inputs: {motor.u: {column: tau_measured_Nm, unit: N*m, interpolation: linear}}
-outputs: {arm.phi: {column: q_rad, unit: rad}}
+outputs: {shaft.phi: {column: q_rad, unit: rad}}
 free: {arm.J: 0.1495 kg*m**2 +- 10 %, weight.m: 0.676 kg +- 10 %, cable.d: 0 .. 0.2 N*m*s/rad}
 """)
 SETS: Mapping[str, Measured] = {
