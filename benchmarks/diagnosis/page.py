@@ -25,13 +25,17 @@ test, and in brackets its share of the root mean square of what was measured: wi
 effect. Published figures were obtained by other means, some on other parts of the records; *verified* ones were read in the
 source.
 
-Each diagnosis had at most ten minutes on a busy processor; `undetermined` here means that they were over. The noise of these
-records was estimated for each record alone, as an earlier version did; it was too large for the Silverbox. Beside its cubic
-stiffness, an offset of 5.4 mV of its input is found there. A constant force acts the same on these records, and so does a
-second nonlinear spring with a free length. The cubic stiffness alone leaves 5.1 mV. The literature has no quadratic damping
-there: that it removes a fifth of the remaining error describes these records, and is no proof of the effect. It takes away
-0.03 % of the misfit of the model without any effect; the present version asks for 5 % of a further effect where more than
-noise is left ([several effects](diagnosis.md#several-effects))."""
+Each diagnosis had at most ten minutes on a busy processor; `undetermined` here means that they were over. The drive (emps)
+is simulated with its controller, as its records are of a closed loop: the position hides the friction, the force shows it.
+The controller of the pendulum is not known: it is driven by the measured torque up to the last rise, and what the model
+lacks is in this torque as well. The noise of the other sets was estimated for each record alone, as an earlier version did;
+it was too large for the Silverbox.
+
+Beside the cubic stiffness of the Silverbox, an offset of 5.4 mV of its input is found there. A constant force acts the same
+on these records, and so does a second nonlinear spring with a free length. The cubic stiffness alone leaves 5.1 mV. The
+literature has no quadratic damping there: that it removes a fifth of the remaining error describes these records, and is no
+proof of the effect. It takes away 0.03 % of the misfit of the model without any effect; the present version asks for 5 % of
+a further effect where more than noise is left ([several effects](diagnosis.md#several-effects))."""
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
