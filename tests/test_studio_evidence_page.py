@@ -57,7 +57,7 @@ def test_records_are_dropped_and_diagnosed_and_the_error_falls(tab: browser.Tab,
     tab.run("document.querySelector('#experiment-name').select()")
     tab.write("measured")
     tab.key("Enter", code=13, text="\r")
-    tab.wait("studio.document.name === 'measured.yaml' && studio.evidence.told !== null")
+    tab.wait("studio.document.name === 'measured.yaml' && studio.evidence.told !== null", 60)
     experiment = load_experiment(folder / "measured.yaml")
     assert {r.name: (r.file.name, r.use) for r in experiment.records.values()} == {
         "monday": ("monday.csv", "fit"), "tuesday": ("tuesday.csv", "validate")}
