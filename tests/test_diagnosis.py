@@ -329,7 +329,8 @@ def test_the_page_lists_the_keys_of_every_verdict(tmp_path: Path, monkeypatch: p
         # whether another channel would decide is a matter of the machine: the keys of one that would
         apart = said.separation and replace(said.separation, extra=AdditionalSensor("valve.m", "kg/s", 1e-6, 20.0))
         # and that a law is left besides
-        told = json.loads(json.dumps(replace(said, separation=apart, remainder=said.separation and left()).as_dict()))
+        whole = replace(said, separation=apart, restricted=False, remainder=said.separation and left())
+        told = json.loads(json.dumps(whole.as_dict()))
         top.append(set(told))
         all_keys |= keys(told)
     assert top[0] == top[1]

@@ -5,12 +5,24 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from benchmarks.diagnosis import compensator, confusion, detectability, false_alarms, keeping, measured
+from benchmarks.diagnosis import (
+    compensator,
+    confusion,
+    detectability,
+    false_alarms,
+    keeping,
+    measured,
+    reliability,
+    verdicts,
+)
 from benchmarks.diagnosis.rigs import RIGS
 from heavebond.core.presentation import readable
+from heavebond.diagnosis.probability import Calibration
 
 PAGE = Path(__file__).parents[2] / "docs" / "diagnosis_study.md"
 BEGIN, END = "<!-- written by `python -m benchmarks.diagnosis.page` -->", "<!-- end of what it writes -->"
@@ -18,6 +30,36 @@ OUTCOMES = {"right": "named", "cluster": "among the indistinguishable", "shape":
             "weak": "too weak", "wrong": "misclassified", "broken": "broken"}
 NEVER = 1e4  # chi-square per sample; nobody begins a diagnosis so far from the record
 Row = Mapping[str, Any]
+ANSWERS = (verdicts.RIGHT, verdicts.NONE, verdicts.MISSED, verdicts.WRONG)
+HIDDEN = {"nothing": "nothing", "free": "wrong free parameters", "fixed": "a wrong fixed value",
+          "inside": "an effect of the catalogue", "other law": "another law of a class", "outside": "a class that is struck"}
+DRAW = """\
+Cases drawn at random over bundled machines of all domains (`python -m benchmarks.diagnosis.calibration`, which takes one
+case of each machine in turn and continues where it was interrupted). This draw is also the prior for which the
+[probabilities](diagnosis.md#how-sure-is-it) hold:
+
+* hidden is nothing (12 % of the cases), wrong free parameters (10 %), one wrong value that the diagram holds fixed (8
+  %, by 10 to 50 %), an effect of the catalogue (35 %), one whose own law is struck from the catalogue while another
+  law of its class is there (15 %), or an effect whose whole class is struck (20 %); the free parameters are drawn
+  from their tolerances besides;
+* the class is drawn uniformly from those that fit in the machine, then law and place; an effect leaves 1 to 200 noise
+  variances per sample of the fitted base model, log-uniform;
+* one to three records (25, 50, 25 %) of 240 to 300 samples with inputs of their own; the noise is 1 % of each
+  channel's motion, and given in 60 % of the cases;
+* one effect is sought (`--steps 1`).
+
+*Right*: the set that the answer names holds the class and the place that were hidden; or it says rightly that nothing is
+missing, that parameters are wrong, or that no law of the catalogue explains the records. *No name*: something is missing,
+and nothing is named. *Missed*: nothing is said to be missing. *Wrong*: the set leaves out what was hidden; a class that is
+struck may be imitated by another one down to the noise, and what is named then is counted as wrong as well."""
+CALIBRATION = """\
+The constants of the [probabilities](diagnosis.md#how-sure-is-it) are fitted to these cases
+(`python -m benchmarks.diagnosis.calibration fit`).
+
+*Expected calibration error*: the distance of the mean stated probability from the true frequency, in bins, weighted. Its
+interval is that of a bootstrap over machines. With so few cases it is not zero for exact probabilities either: the table
+says what it would be for them by chance, in the mean and up to its 95 % quantile. The constants have prior distributions
+that keep them within a factor of some e of the values that were assumed before any case was seen."""
 MEASURED = """\
 Public records of real machines, from diagrams without the effects that the literature knows
 (`python -m benchmarks.diagnosis.measured FOLDER`). The error is the root mean square on the record that is kept for the
@@ -187,6 +229,94 @@ def public_records(rows: Sequence[Row]) -> str:
                   "published, black boxes", "processor time, s"], lines)
 
 
+def calibration() -> str:
+    """How far stated probabilities and true frequencies agree, over the machines of the calibration study."""
+    rows = reliability.known_rows()
+    lines, bins = [], []
+    for what, found, (low, high) in reliability.figures(rows):
+        first, every = (reliability.expected_error(*pair) for pair in (
+            (found.first, found.first_true), (found.stated, found.true)))
+        mean, most = reliability.by_chance(found.first)
+        lines.append((what, figure(first, 2), f"{figure(low, 2)} to {figure(high, 2)}",
+                      f"{figure(mean, 2)}, up to {figure(most, 2)}", figure(every, 2), figure(found.brier),
+                      figure(found.loss)))
+    for low, high in pairwise(reliability.EDGES):
+        inside = (found.stated >= low) & ((found.stated < high) | (high == 1))
+        if inside.any():
+            bins.append((f"{100 * low:.0f} to {100 * high:.0f} %", int(inside.sum()), figure(found.stated[inside].mean(), 2),
+                         figure(found.true[inside].mean(), 2)))
+    chosen = reliability.fitted(rows)
+    return "\n\n".join([
+        f"{len(rows)} cases of {len({r['machine'] for r in rows})} machines, diagnosed by the rules {rows[-1]['rules']} (a "
+        "digest of the modules that decide; cases of other rules are not counted).",
+        table(["constants fitted to", "expected calibration error, most probable event", "95 % over machines",
+               "of exact probabilities by chance", "of all events above 1 %", "Brier score", "log loss"], lines),
+        f"The most probable explanations that together have 95 % hold what was hidden in "
+        f"{share(int(found.covered.sum()), len(rows))} of the cases; they are {figure(found.size.mean(), 2)} in the mean.",
+        "![Stated probabilities against true frequencies](pictures/reliability.png)",
+        "Stated probabilities against true frequencies, each machine with constants fitted to the others (in the picture "
+        "with the number of events and 95 % intervals):",
+        table(["stated", "events", "mean stated", "true"], bins),
+        "The constants, and the log loss with each halved or doubled and the others as they are:",
+        table(["constant", "value", "halved", "doubled"], sensitivity(rows, chosen))])
+
+
+def sensitivity(rows: Sequence[Row], chosen: Calibration) -> list[tuple[object, ...]]:
+    """Each constant, and the log loss with it halved and doubled."""
+    known = reliability.Table.of(rows)
+    lines: list[tuple[object, ...]] = [("log loss", figure(known.losses(chosen).mean()), "", "")]
+    for name in ("temperature", *reliability.FITTED):
+        value = getattr(chosen, name)
+        changed = (replace(chosen, **{name: value * factor}) for factor in (0.5, 2.0))
+        lines.append((name, figure(value, 2), *(
+            figure(known.losses(c).mean()) if c.temperature in reliability.TEMPERATURES else "" for c in changed)))
+    return lines
+
+
+def answers(rows: Sequence[Row]) -> str:
+    """What was said in the cases of the calibration study, by what was hidden, and by machine."""
+    lines: list[tuple[object, ...]] = []
+    for hidden, words in HIDDEN.items():
+        lines.append((words, *_answers([r for r in rows if r["hidden"] == hidden])))
+    lines.append(("all", *_answers(rows)))
+    each = [(name, *_answers([r for r in rows if r["machine"] == name])) for name in sorted({r["machine"] for r in rows})]
+    head = ["cases", *ANSWERS, "mean size of the set"]
+    found = Counter(verdicts.outcome(r) for r in rows)
+    still = [r for r in rows if r["hidden"] in ("nothing", "free")]
+    inside = [r for r in rows if r["hidden"] in ("inside", "other law")]
+    alarms = sum(verdicts.outcome(r) == verdicts.WRONG for r in still)
+    wrong = sum(verdicts.outcome(r) == verdicts.WRONG for r in inside)
+    named = sum(bool(r["named"]) for r in inside)
+    return "\n\n".join([
+        table(["hidden", *head], lines),
+        f"Of {len(rows)} answers {share(found[verdicts.WRONG], len(rows))} were wrong, of the {named} sets named where the "
+        f"catalogue has the class {share(wrong, named)}; of the {len(still)} records with nothing but free parameters "
+        f"{share(alarms, len(still))} were false alarms (95 % intervals of Clopper and Pearson).",
+        table(["machine", *head], each),
+        "All answers that are not right, with chi-square of the last model on what was not fitted:",
+        table(["machine", "hidden", "", "answer", "chi-square"],
+              [(f"{r['machine']} {r['number']}", HIDDEN[r["hidden"]], r["label"], _said(r), figure(r["chi2"][-1][1]))
+               for r in rows if verdicts.outcome(r) != verdicts.RIGHT])])
+
+
+def _said(row: Row) -> str:
+    """The verdict, and the first of what is named."""
+    more = len(row["named"]) - 3
+    return f"{row['verdict']}: {', '.join(row['named'][:3])}{f' and {more} more' if more > 0 else ''}".removesuffix(": ")
+
+
+def _answers(rows: Sequence[Row]) -> list[object]:
+    found = Counter(verdicts.outcome(r) for r in rows)
+    sizes = [r["size"] for r in rows if r["named"]]
+    return [len(rows), *(found[name] or "-" for name in ANSWERS), figure(sum(sizes) / len(sizes), 2) if sizes else "-"]
+
+
+def share(k: int, n: int) -> str:
+    """k of n in percent with its 95 % interval."""
+    low, high = verdicts.interval(k, n)
+    return f"{k} ({100 * k / n:.1f} %; {100 * low:.1f} to {100 * high:.1f} %)"
+
+
 def main() -> None:
     """All tables into the page."""
     found = {study: list(keeping.read(study).values()) for study in
@@ -196,6 +326,8 @@ def main() -> None:
     parts = ["## False alarms", alarms(found[false_alarms.STUDY]), "## Confusion", outcomes(rows), matrix(rows),
              "### Every case", cases(rows), "## Detectability",
              sizes(found[detectability.STUDY], found[detectability.CHECKS]),
+             "## Cases drawn at random", DRAW, answers(reliability.known_rows()),
+             "## Probabilities", CALIBRATION, calibration(),
              "## A machine of real size", machine(found[compensator.STUDY]),
              "## Measured machines", MEASURED, public_records(found[measured.STUDY])]
     text = PAGE.read_text(encoding="utf-8")

@@ -254,6 +254,13 @@ def measured(folder: Path) -> list[Path]:
     return drawn
 
 
+def reliability(folder: Path) -> Path:
+    """Stated probabilities of a diagnosis against true frequencies, in the cases of the calibration study."""
+    from benchmarks.diagnosis.reliability import diagram, known_rows
+
+    return plot.save(diagram(known_rows()), folder / "reliability.png")
+
+
 DRAWN = (
     weight_on_bit,
     friction,
@@ -281,6 +288,7 @@ DRAWN = (
     detailed,
     measured,
     power_unit,
+    reliability,
 )
 
 if __name__ == "__main__":

@@ -31,6 +31,7 @@ from heavebond.diagnosis.fixed_values import VALUE
 from heavebond.diagnosis.full_runs import at_fit, compared, first_entries, loaded
 from heavebond.diagnosis.further_effects import supported
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry
+from heavebond.diagnosis.probability import Event, Evidence, evidence, probabilities, stated
 from heavebond.diagnosis.ranking import as_dicts, entries
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.remainder import Remainder, remainder
@@ -51,6 +52,7 @@ from heavebond.diagnosis.verdict import (
     is_adequate,
     near_noise,
     sentences,
+    sheet_p_value,
     unexplained,
     verdict,
     worth_it,
@@ -82,7 +84,8 @@ class Diagnosis:
     the law that explains most of what is left then; `seconds` the duration in s; `searched` is the experiment on the samples
     that the search used; `untried` what was not tried, as the search was ended early (candidates of a step that was cut
     short are in that step). One that was ended before its first candidate was scored has no steps, one that was ended
-    before all records were simulated no ladder.
+    before all records were simulated no ladder. `evidence` is what the probabilities of `events` are computed from,
+    `restricted` whether only classes of effects were tried.
     """
 
     experiment: Experiment
@@ -100,6 +103,8 @@ class Diagnosis:
     adequacy: Adequacy | None = None
     untried: tuple[str, ...] = ()
     remainder: Remainder | None = None
+    evidence: Evidence | None = None
+    restricted: bool = False
 
     def __repr__(self) -> str:
         return brief(self, self.experiment.name, self.verdict, *self.words)
@@ -114,6 +119,14 @@ class Diagnosis:
         return bool(self.untried) or any(stage.partial for stage in self.steps)
 
     @property
+    def events(self) -> tuple[Event, ...]:
+        """What the records may be explained by, with the calibrated probability of each (see `diagnosis.probability`); none
+        after a search that was ended early or restricted to classes, for which the calibration does not hold."""
+        if self.evidence is None or self.partial or self.restricted:
+            return ()
+        return stated(probabilities(self.evidence), [t.candidate.label for f in self.findings[:1] for t in f.alternatives])
+
+    @property
     def last(self) -> Experiment:
         """The experiment on the last diagram of the ladder."""
         found = [*self.findings, *([self.shape] if self.shape is not None else [])]
@@ -122,7 +135,7 @@ class Diagnosis:
     def as_dict(self) -> dict[str, object]:
         """Everything for machines."""
         return {
-            "verdict": self.verdict, "words": list(self.words),
+            "verdict": self.verdict, "words": list(self.words), "probabilities": [e.as_dict() for e in self.events],
             "partial": self.partial, "not_tried": list(self.untried),
             "lost": sorted({label for stage in self.steps for label in stage.lost}),
             "steps": [f.as_dict() for f in self.findings],
@@ -241,7 +254,8 @@ def _diagnosed(experiment: Experiment | str | Path, steps: int, number: int | No
             *so_far(come.steps, come.untried),
             *_limits(classes, cut(part, experiment), confirming.shorter))
     return Diagnosis(experiment, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
-                     _noise(ladder[0].comparison), budget.spent, apart, part, adequate, come.untried, rest)
+                     _noise(ladder[0].comparison), budget.spent, apart, part, adequate, come.untried, rest,
+                     evidence(come.steps[0], come.fixed, sheet_p_value(base)), bool(classes))
 
 
 def _first_entries(experiment: Experiment, budget: Budget, say: Progress
@@ -286,14 +300,15 @@ def _without_search(experiment: Experiment, ladder: Sequence[LadderEntry], base:
 
 @dataclass(frozen=True)
 class _SearchState:
-    """What a search has come to: the ladder, its findings and steps, and values of what is held fixed that the records
-    cannot tell from the findings."""
+    """What a search has come to: the ladder, its findings and steps, values of what is held fixed that the records cannot
+    tell from the findings, and the step of all such values."""
 
     ladder: Sequence[LadderEntry]
     findings: Sequence[AddedEffect]
     steps: Sequence[Stage]
     values: Sequence[Refit] = ()
     untried: tuple[str, ...] = ()
+    fixed: Stage | None = None
 
     def without(self, what: str) -> _SearchState:
         """The same with one thing more that was not tried to its end."""
@@ -395,8 +410,10 @@ def _weighed(come: _SearchState, way: Selection, confirm: Confirm, trying: Calla
     without = come.ladder[:len(come.ladder) - len(come.findings)]
     chosen = way[len(come.findings) - 1].chosen if come.findings and is_adequate(come.ladder, come.findings) else None
     made = trying(chosen)
+    come = replace(come, fixed=made)
     if made is not None and (value := _value(made, confirm, without)) is not None:
-        return _SearchState([*without, value.rung], [value], [replace(come.steps[0], chosen=None, cluster=()), made])
+        return _SearchState([*without, value.rung], [value], [replace(come.steps[0], chosen=None, cluster=()), made],
+                            fixed=made)
     if made is None or made.partial:  # ended by the user, or by time
         come = come.without(VALUES)
         if not come.findings:

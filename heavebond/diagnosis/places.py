@@ -37,10 +37,14 @@ class Places:
         """Where a candidate stands: the same for two of them at one place."""
         if candidate.attaches in ("input", "channel"):
             return candidate.attaches, frozenset([candidate.signal or candidate.where[0]]), frozenset()
-        parts = [name for name in candidate.where if name in self.parts]
-        nodes = {name for name in candidate.where if name not in self.parts}.union(*(self.parts[name] for name in parts))
+        series = candidate.attaches == "in series"
+        if series and candidate.members:
+            return "in series", frozenset(candidate.where), frozenset()
+        # a node may have the name of a part
+        parts = candidate.where[1:] if series else candidate.where if candidate.attaches in ("in", "replaces") else ()
+        nodes = set(candidate.where[:len(candidate.where) - len(parts)]).union(*(self.parts[name] for name in parts))
         moving = {self.as_one.get(name, name) for name in nodes - self.grounds}
-        return "", frozenset(moving or nodes), frozenset(parts if candidate.attaches == "in series" else ())
+        return "", frozenset(moving or nodes), frozenset(parts if series else ())
 
 
 def _grounds(site: Site, domain: str) -> list[str]:

@@ -81,7 +81,7 @@ def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[
     if not steps[0].left.significant:
         if _still(ladder[0]) or steps[0].partial or _astray(ladder):
             return "undetermined"
-        return "parameters" if base is not None and _better(base) else "nothing"
+        return "parameters" if sheet_p_value(base) < CHANCE else "nothing"
     if findings and is_adequate(ladder, findings) and not (steps[-1].partial and _held(findings[-1].rung) > DECISION.near):
         if any(f.candidate.kind == VALUE for f in findings):
             return "parameters"
@@ -105,13 +105,16 @@ def _astray(ladder: Sequence[LadderEntry]) -> bool:
     return _held(best) > DECISION.near * max(1.0, best.chi2_fit)
 
 
-def _better(base: Fit) -> bool:
-    """Whether the fitted parameters explain the records better than those of the data sheet, beyond chance."""
+def sheet_p_value(base: Fit | None) -> float:
+    """The p value of the hypothesis that the values of the data sheet are right, by the likelihood ratio of the fitted
+    parameters; 1 where nothing is free."""
     from scipy.special import chdtrc
 
+    if base is None:
+        return 1.0
     before = sum(float(c.chi2 * c.counts.sum()) for r in base.before.records.values() if r.use == "fit"
                  for c in r.channels.values())
-    return bool(chdtrc(len(base.parameters), max(0.0, before - base.chi2 * base.samples)) < CHANCE)
+    return float(chdtrc(len(base.parameters), max(0.0, before - base.chi2 * base.samples)))
 
 
 def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],

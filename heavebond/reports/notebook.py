@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from heavebond.core.errors import HeavebondError
 from heavebond.core.presentation import count, in_unit, number, readable, readable_unit, unit_label
 from heavebond.core.units import dimension_text, read_unit
+from heavebond.diagnosis.probability import PROBABILITY
 from heavebond.language.definition import Value
 from heavebond.pictures.markup import Html, element, table
 from heavebond.text.expression import Number
@@ -99,14 +100,15 @@ def fit_html(fit: Fit) -> Html:
 
 
 def diagnosis_html(diagnosis: Diagnosis) -> Html:
-    """A diagnosis: its verdict in words, the errors of the ladder, and the parameters of each finding."""
+    """A diagnosis: its verdict in words, probabilities, the errors of the ladder, and the parameters of each finding."""
     ladder = table(("model", "error, fitted", "error, held out", "reduced χ², fitted", "reduced χ², held out"),
                    [_rung(rung) for rung in diagnosis.ladder], numbers=range(1, 5))
     rows = [(finding.candidate.label, *_parameter(p)) for finding in diagnosis.findings for p in finding.parameters]
     head = ("effect", "parameter", "before", "value", "95 % interval", "range")
     found = [table(head, rows, numbers=(2, 3))] if rows else []
+    sure = table((PROBABILITY, ""), [e.row for e in diagnosis.events], numbers=(1,)) if diagnosis.events else ""
     return element("div", _heading(diagnosis.experiment.name, f"verdict {diagnosis.verdict}"), _list(diagnosis.words),
-                   ladder, *found)
+                   sure, ladder, *found)
 
 
 # -- rows ----------------------------------------------------------------------------------------------------------

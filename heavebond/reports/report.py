@@ -18,6 +18,7 @@ from heavebond.core.presentation import count, number, path_text, readable, read
 from heavebond.core.units import read_unit
 from heavebond.diagnosis.diagnosis import Diagnosis
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, channel_errors, parameter_description, restrictions
+from heavebond.diagnosis.probability import PROBABILITY
 from heavebond.estimation.comparison import RecordComparison
 from heavebond.estimation.diagram_files import quantity
 from heavebond.estimation.fitting import Fit
@@ -180,7 +181,9 @@ def _drawn(model: Model, marks: dict[str, str], rivals: dict[str, str]) -> Html:
 
 def _found(diagnosis: Diagnosis) -> Html:
     """Each effect with its parameters, and the candidates that cannot be distinguished from it."""
-    parts = [_finding(k, f) for k, f in enumerate(diagnosis.findings, 1)]
+    parts = [element("h3", PROBABILITY), table(("explanation", "probability"), [e.row for e in diagnosis.events],
+                                               numbers=(1,))] if diagnosis.events else []
+    parts += [_finding(k, f) for k, f in enumerate(diagnosis.findings, 1)]
     shape = diagnosis.shape
     if shape is not None:
         parts += [element("h3", f"A curve without a name: {shape.candidate.description} {shape.candidate.place}"),

@@ -14,6 +14,7 @@ from heavebond.core.units import read_unit
 from heavebond.diagnosis.attempt import Attempt
 from heavebond.diagnosis.diagnosis import Diagnosis
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, parameter_description
+from heavebond.diagnosis.probability import PROBABILITY
 from heavebond.diagnosis.ranking import entries, shown_in
 from heavebond.diagnosis.stage import Stage
 from heavebond.diagnosis.verdict import at_ends
@@ -26,6 +27,7 @@ COMPARED = ("record", "channel", "rms error", "fit", "bias", "noise", "error/noi
 FITTED = ("parameter", "before", "fitted", "95 % interval", "range")
 RECORDS = ("record", "channel", "error before", "after", "noise", "reduced chi-square")
 LADDER = ("error, fitted", "held out", "chi-square, fitted", "held out")
+EVENTS = ("explanation", "probability")
 PLACES = ("place", "explains", "behind", "rms", "follows", "R2", "shape")
 EFFECT = ("parameter", "fitted", "95 % interval", "sought in", "what it is")
 
@@ -183,14 +185,19 @@ def _place(suspect: PlaceEstimate) -> tuple[str, ...]:
 
 # -- diagnose ------------------------------------------------------------------------------------------------------------
 def diagnosis_items(found: Diagnosis) -> list[Item]:
-    """The ladder, the candidates of each step, the numbers of what was found, and the verdict."""
+    """The ladder, the candidates of each step, the numbers of what was found, probabilities, and the verdict."""
     items: list[Item] = [ladder_table(found.ladder, "model")] if found.ladder else []
     items += [ranking_table(step, f"Step {k}: " if len(found.steps) > 1 else "")
               for k, step in enumerate(found.steps, 1) if step.trials]
     if found.verdict == "parameters" and found.fitted is not None:
         items.append(fitted_parameters(found.fitted))
     items += [effect_table(finding) for finding in (*found.findings, *([found.shape] if found.shape is not None else []))]
-    return [*items, *map(Line, found.words)]
+    return [*items, *probability_table(found), *map(Line, found.words)]
+
+
+def probability_table(found: Diagnosis) -> list[ResultTable]:
+    """What the records may be explained by; of several effects the first."""
+    return [ResultTable(PROBABILITY, EVENTS, [e.row for e in found.events])] if found.events else []
 
 
 def attempt_items(found: Attempt) -> list[Item]:

@@ -1,0 +1,135 @@
+"""Probabilities of what records may be explained by, and the study that they are calibrated with."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import heavebond as hb
+from benchmarks.diagnosis import drawing, reliability
+from benchmarks.diagnosis.machines import MACHINES
+from benchmarks.diagnosis.verdicts import interval, outcome
+from heavebond.diagnosis.catalogue import single_candidates
+from heavebond.diagnosis.fixed_values import VALUE
+from heavebond.diagnosis.places import Places
+from heavebond.diagnosis.probability import (
+    NOTHING,
+    OTHER,
+    OUTSIDE,
+    PARAMETERS,
+    TEMPERATURES,
+    Calibration,
+    Event,
+    Evidence,
+    factor_bound,
+    probabilities,
+    stated,
+)
+
+FRICTION = Event("dry friction", 0.0, "between bed and slide", ("bed", "slide"), ("CoulombFriction between bed and slide",))
+DRAG = Event("quadratic damping", 0.0, "between bed and slide", ("bed", "slide"), ("Drag between bed and slide",))
+MASS = Event(VALUE, 0.0, "in slide (m)", ("slide",), ("Mass in slide (m)",))
+GIVEN = Calibration(0, 4.0, 0.25, 5.0, 0.02)
+
+
+def known(left: float = 1.0, missing: float = 0.0, sheet: float = 0.0) -> Evidence:
+    """The evidence of friction before drag and a mass, at every temperature."""
+    weights = {t: np.array([0.8, 0.15, 0.05]) for t in TEMPERATURES}
+    return Evidence((FRICTION, DRAG, MASS), weights, left, missing, sheet)
+
+
+def of(evidence: Evidence, given: Calibration = GIVEN) -> dict[str, float]:
+    """The probabilities by the kinds of the events."""
+    found = probabilities(evidence, given)
+    assert sum(e.probability for e in found) == pytest.approx(1, abs=1e-12)
+    return {e.kind: e.probability for e in found}
+
+
+def test_probabilities_follow_from_the_weights_and_the_tests() -> None:
+    """By hand: odds 0.25 of a law outside, 2 % kept, a fixed value counts as parameters."""
+    found = of(known())
+    assert found["dry friction"] == pytest.approx(0.98 * 0.8 * 0.8)
+    assert found[PARAMETERS] == pytest.approx(0.98 * 0.8 * 0.05) and found[NOTHING] == 0
+    assert found[OUTSIDE] == pytest.approx(0.98 * 0.2) and found[OTHER] == pytest.approx(0.02)
+    worse = of(known(left=4.0))
+    assert worse[OUTSIDE] == pytest.approx(0.98 / 3)  # odds 0.25 * 2
+    still = of(replace(known(missing=1.0, sheet=1.0), effects=(), weights={}, left=1.0))
+    assert still[NOTHING] == pytest.approx(0.98 * (5 / 6) ** 2) and still[PARAMETERS] == pytest.approx(0.98 * 5 / 36)
+
+
+def test_the_bound_of_the_factor_falls_with_p() -> None:
+    """-e p ln p: 1 at p = 1/e and above, 0.41 at 5 %, 0 at 0 (T. Sellke et al., 2001, table 1: 0.409)."""
+    assert factor_bound(0.05) == pytest.approx(0.409, abs=2e-3)  # the table, from alpha = 0.289 = B/(1 + B)
+    assert factor_bound(1.0) == factor_bound(1 / np.e) == 1.0 and factor_bound(0.0) == 0.0
+
+
+def test_what_is_hardly_probable_is_listed_as_one() -> None:
+    """But what the answer names always stands by itself; the sum stays 1, also from a file."""
+    kept = Evidence.of_dict(json.loads(json.dumps(known().as_dict())))
+    events = probabilities(kept, replace(GIVEN, lapse=0.9))
+    short = stated(events, [])
+    assert DRAG.kind in {e.kind for e in short} and sum(e.probability for e in short) == pytest.approx(1)
+    rare = probabilities(replace(kept, weights={t: np.array([0.995, 0.005, 0.0]) for t in TEMPERATURES}), GIVEN)
+    assert DRAG.kind not in {e.kind for e in stated(rare, [])}
+    assert DRAG.kind in {e.kind for e in stated(rare, DRAG.labels)}
+    assert sum(e.probability for e in stated(rare, [])) == pytest.approx(1)
+
+
+def test_a_case_of_the_study_is_drawn_and_judged(tmp_path: Path) -> None:
+    """A case is the same each time; a law that is struck is no candidate; what was hidden is found among the events."""
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    one, two = (drawing.drawn(MACHINES["coil"], 0, tmp_path / name) for name in "ab")
+    assert one.effect is not None and two.effect is not None and one.effect.label == two.effect.label
+    assert one.misfit == two.misfit > 1
+    assert (tmp_path / "a" / "record_0.csv").read_text() == (tmp_path / "b" / "record_0.csv").read_text()
+    library = one.experiment.model.library
+    struck = drawing.LibraryWithout(**vars(library), struck=frozenset({"SensorDrift"}))
+    assert {c.name for c in library.effects()} - {c.name for c in struck.effects()} == {"SensorDrift"}
+    places, candidates = Places.of(one.experiment), {c.label: c for c in single_candidates(one.experiment)}
+    # the delay of the channel; before the input is another place, and a lag another class
+    there = [label for label, c in candidates.items() if one.matches(c, places)]
+    assert there == ["Delay in the channel channel_0"]
+
+
+def test_what_was_hidden_is_one_of_the_events() -> None:
+    """By the labels in the row; by its kind where it is no effect; else it is one that was not considered."""
+    events = probabilities(known(), GIVEN)
+    row = {"hidden": "inside", "true": list(FRICTION.labels)}
+
+    def hit(**changed: object) -> list[str]:
+        return [e.kind for e, true in zip(events, reliability.happened({**row, **changed}, events), strict=True) if true]
+
+    assert hit() == ["dry friction"] and hit(true=[]) == [OTHER]
+    assert hit(hidden="fixed") == [PARAMETERS] and hit(hidden="outside") == [OUTSIDE]
+    kept = {"machine": "a", **row, "evidence": known().as_dict()}
+    rows = [kept, {**kept, "true": []}, {**kept, "hidden": "fixed"}, {**kept, "hidden": "outside"},
+            {**kept, "hidden": "nothing", "evidence": known(missing=1.0, sheet=1.0).as_dict()}]
+    losses = reliability.Table.of(rows).losses(GIVEN)
+    for loss, row in zip(losses, rows, strict=True):
+        assert loss == pytest.approx(reliability.reliability([row], [GIVEN]).loss, abs=1e-3)  # weights have four digits
+
+
+def test_outcomes_and_their_intervals() -> None:
+    """A name where the class is struck is wrong; 0 of 20: up to 16.8 % (Clopper and Pearson: 1 - 0.025**(1/20))."""
+    row = {"hidden": "outside", "verdict": "effect", "right": False, "label": "Drag", "words": []}
+    assert outcome(row) == "wrong" and outcome({**row, "verdict": "shape"}) == "right"
+    assert outcome({**row, "hidden": "inside"}) == "wrong" and outcome({**row, "hidden": "inside", "right": True}) == "right"
+    assert outcome({**row, "hidden": "free"}) == "wrong"
+    assert outcome({**row, "hidden": "free", "verdict": "nothing"}) == "right"
+    assert outcome({**row, "hidden": "fixed", "words": ["with Drag at 2"]}) == "right"
+    assert interval(0, 20) == pytest.approx((0.0, 1 - 0.025**(1 / 20)))
+    assert interval(20, 20) == pytest.approx((0.025**(1 / 20), 1.0))
+
+
+@pytest.mark.long
+def test_a_diagnosis_states_probabilities() -> None:
+    """Of the bundled record with choked flow; none where only a class was tried."""
+    found = hb.diagnose("receiver_rig/choked", number=1, steps=1)
+    assert found.events[0].kind == "choked flow" and found.events[0].probability > 0.6
+    assert sum(e["probability"] for e in found.as_dict()["probabilities"]) == pytest.approx(1)  # type: ignore[attr-defined]
+    assert replace(found, restricted=True).events == ()
