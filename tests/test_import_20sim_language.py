@@ -79,3 +79,14 @@ def test_an_import_tells_what_an_earlier_one_has_left(tmp_path: Path, monkeypatc
     assert "no longer part of the model: cart/components/own.yaml" in answer.output
     assert "mine.yaml" not in answer.output
     assert Path("cart/components/own.yaml").exists() and Path("cart/components/other.yaml").exists()
+
+
+def test_plotted_quantities_of_ports_keep_their_sign(tmp_path: Path) -> None:
+    """A source pushes 3 into a resistance of 2: 1.5 flow out of the one and into the other."""
+    parts = part("Source", "power out p", "equations\n p.e = 3;\n") + \
+        part("Load", "power in p", "parameters\n real r = 2;\nequations\n p.e = r * p.f + 0 * time;")
+    curves = "".join(f"<Curve><YCurveData><VarName>{name}</VarName></YCurveData></Curve>"
+                     for name in ("Source\\p.f", "Load\\p.f", "Load\\p.e"))
+    run = imported(tmp_path, parts, "Source\\p => Load\\p", 1.0, f"<PlotSpecs><Plots><Plot><Curves>{curves}</Curves></Plot>"
+                   "</Plots></PlotSpecs>")
+    assert [float(run.display[n][-1]) for n in ("Source_p_f", "Load_p_f", "Load_p_e")] == pytest.approx([1.5, 1.5, 3.0])

@@ -19,6 +19,7 @@ class Item:
     unit: str = ""
     doc: str = ""
     value: float | None = None
+    out: bool = False  # of a bond: its flow is positive out of the submodel in 20-sim
 
 
 @dataclass

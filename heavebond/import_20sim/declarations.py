@@ -118,8 +118,9 @@ class Symbols:
                 self.made.items[name] = Item(name, "out" if port.direction == "out" else "in", port.unit, port.doc)
             self.names[label] = [[f.name(e) for e in row] for row in group]
             return
+        doc = port.doc or ("" if port.domain == "power" else port.domain)
         for name in names:
-            self.made.items[name] = Item(name, "bond", "", port.doc or ("" if port.domain == "power" else port.domain))
+            self.made.items[name] = Item(name, "bond", "", doc, out=out)
         effort = [[f.name(f"{e}.e") for e in row] for row in group]
         flow = [[f.negative(f.name(f"{e}.f")) if out else f.name(f"{e}.f") for e in row] for row in group]
         self._members(port, label, effort, flow)

@@ -107,6 +107,8 @@ class Evaluator:
             return Expr("!=", (_number(a), _number(b)))
         if op == "+":
             return f.add(a, b)
+        if op == "-" and b.op == "negative":
+            return f.add(a, b.args[0])
         if op == "-" and b.op == "-" and b.args[0] == a:  # x - x mod y
             return b.args[1]
         return Expr(op, (a, b))

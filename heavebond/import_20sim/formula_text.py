@@ -50,6 +50,8 @@ def multiply(left: Expr, right: Expr) -> Expr:
         return number(0)
     if left == number(1):
         return right
+    if right.op == "negative":
+        return negative(multiply(left, right.args[0]))
     return left if right == number(1) else Expr("*", (left, right))
 
 

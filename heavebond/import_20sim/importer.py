@@ -12,7 +12,7 @@ from heavebond.core.writable import write_text
 from heavebond.import_20sim.block import Block, Part, Translator
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.emx_file import EmxFile, read_emx
-from heavebond.import_20sim.evaluate import fold
+from heavebond.import_20sim.evaluate import MEMBERS, fold
 from heavebond.import_20sim.memory import SAMPLE_TIME
 from heavebond.import_20sim.names import identifier, snake
 from heavebond.import_20sim.recognition import Match, recognised
@@ -30,6 +30,7 @@ from heavebond.import_20sim.write import (
 )
 
 ASSUMED_SAMPLE_TIME = 0.1  # s
+EFFORTS, FLOWS = ({pair[side] for pair in MEMBERS.values()} for side in (0, 1))
 READ = 2000  # characters of a component file that hold its summary
 
 
@@ -290,6 +291,8 @@ class _Writer:
             items.update({f"{path}.{name}" if path else name: item for name, item in own.items() if item.kind != "bond"})
             if (match := self.matches.get(id(made))) is not None:
                 renamed.update({f"{path}.{a}": f"{path}.{b}" for a, b in match.ports.items()})
+        bonds = {f"{path}.{name}": item for path, made in self.translator.components for name, item in made.items.items()
+                 if item.kind == "bond"}
         names: dict[str, str] = {}
         for plotted in self.emx.plotted:
             path = ".".join(identifier(word) for word in plotted.split("\\"))
@@ -298,6 +301,12 @@ class _Writer:
                 item = items[path]
                 unit = item.unit if item.kind in ("variable", "held", "parameter") else ""
                 names[label] = mapping([("is", renamed.get(path, path)), ("unit", unit or "1")])
+            port, _, member = plotted.rpartition(".")
+            port = ".".join(identifier(word) for word in port.split("\\"))
+            if port in bonds and label not in names and member in (*EFFORTS, *FLOWS):  # of a port: p.e, p.f, p.u ...
+                quantity_of = f"{renamed.get(port, port)}.{'e' if member in EFFORTS else 'f'}"
+                sign = "-" if member in FLOWS and bonds[port].out else ""
+                names[label] = mapping([("is", f"{sign}{quantity_of}"), ("unit", "W" if member in EFFORTS else "1")])
         return ["show:", *(f"  {label}: {entry}" for label, entry in names.items())] if names else []
 
     def problems(self) -> list[Problem]:
