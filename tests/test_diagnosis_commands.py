@@ -106,7 +106,7 @@ no effect of class 'dry' fits in this diagram [class-unknown]
 """),
     (("fit", "receiver_rig/choked", "--profile", "inlet.c"), """\
 --profile inlet.c: that is not free [free-unknown]
-  Did you mean 'inlet.C' or 'outlet.C'?
+  Did you mean 'inlet.C'?
 """),
     (("compare", __file__), f"""\
 '{__file__}' is no experiment: that is a YAML file [file-suffix]
