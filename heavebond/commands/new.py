@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from heavebond.commands.arguments import check_new, json_option
 from heavebond.core.errors import Problem, UsageError
-
-if TYPE_CHECKING:
-    from heavebond.estimation.proposed_experiment import Proposal
 
 HEAD = ("column", "is", "of", "unit")
 
@@ -69,13 +66,9 @@ def _experiment(path: Path, origin: str | None, records: tuple[Path, ...]) -> di
     write_text(path, text)
     console.print(f"wrote {path}", soft_wrap=True)
     console.print(f"next: look through {path}, then heavebond compare {path}", soft_wrap=True)
-    return {"experiment": str(path), "files": [str(path)], "columns": _columns(found), "remarks": list(found.remarks)}
+    return {"experiment": str(path), "files": [str(path)], "columns": [asdict(c) for c in found.columns],
+            "remarks": list(found.remarks)}
 
 
 def _unit(unit: str, known: bool) -> str:
     return unit if known else f"{unit} (supposed: the file gives none)"
-
-
-def _columns(found: Proposal) -> list[dict[str, object]]:
-    return [{"column": c.name, "role": c.role, "target": c.target, "unit": c.unit, "unit_known": c.unit_known}
-            for c in found.columns]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -171,10 +172,7 @@ def proposal(job: Job, file: str) -> tuple[Entry, None]:
     """The columns of a record with what they are likely to be for the diagram of the page."""
     assembly = assemble(load(job.path))
     found = propose(read_table(Path(file)), assembly)
-    columns = [{"name": c.name, "unit": c.unit, "unit_known": c.unit_known, "role": c.role, "target": c.target,
-                "interpolation": c.interpolation, "low": c.low, "high": c.high, "count": c.count, "sketch": list(c.sketch)}
-               for c in found.columns]
-    return {"columns": columns, "inputs": {k: list(v) for k, v in found.inputs.items()},
+    return {"columns": [asdict(c) for c in found.columns], "inputs": {k: list(v) for k, v in found.inputs.items()},
             "outputs": {k: list(v) for k, v in found.outputs.items()}, "remarks": list(found.remarks)}, None
 
 
