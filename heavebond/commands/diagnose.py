@@ -90,7 +90,7 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     if found.partial:
         again = "with --resume goes on" if kept.known else "searches anew"
         console.print(f"the search was ended early: the same command {again}, --only CLASS narrows it, --seconds gives it "
-                      "more time", soft_wrap=True)
+                      f"more time than {seconds:g} s", soft_wrap=True)
     else:
         kept.remove()
     if files and found.partial:
