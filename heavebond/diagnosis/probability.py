@@ -20,6 +20,7 @@ considered.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -204,7 +205,7 @@ def _p_value(left: ResidualTests) -> float:
 
 def factor_bound(p: float) -> float:
     """-e p ln p, the smallest Bayes factor for a hypothesis whose p value is p; 1 from p = 1/e on."""
-    return float(-np.e * p * np.log(p)) if 0 < p < 1 / np.e else float(p > 0)
+    return float(-math.e * p * math.log(p)) if 0 < p < 1 / math.e else float(p > 0)
 
 
 def parts(constants: Calibration, missing: Share, sheet: Share, left: Share) -> tuple[Share, ...]:
