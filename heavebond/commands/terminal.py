@@ -90,7 +90,9 @@ def show(items: Sequence[Item]) -> None:
     console = output()
     for item in items:
         if isinstance(item, ResultTable):
-            console.print(table(item.title, item.head, item.rows, text=item.text))
+            if item.title:  # on a line of its own, which is not broken at the width of the table
+                console.print(item.title, style="bold", soft_wrap=True)
+            console.print(table("", item.head, item.rows, text=item.text))
         elif isinstance(item, Line):
             console.print(item.text, style="yellow" if item.warning else None, soft_wrap=True)
         else:
