@@ -169,9 +169,10 @@ class Problems:
 def suggest(word: str, candidates: Iterable[str]) -> str:
     """`Did you mean 'x'?` for the candidates nearest to `word` (case ignored), or an empty text.
 
-    The name of a component that stands in the word as a whole (`HydraulicCylinder`, `cylinder`) is the only one. A word that
-    ends a few candidates (`K_p` of `controller.K_p`) means these, so does one that lacks a part between its first and its
-    last (`line.p` of `line.a.p`), and one that begins them (`dry`) where nothing is nearer.
+    The name of a component that stands in the word as a whole (`HydraulicCylinder`, `cylinder`) is the only one, and so is a
+    candidate that differs in case alone. A word that ends a few candidates (`K_p` of `controller.K_p`) means these, so does
+    one that lacks a part between its first and its last (`line.p` of `line.a.p`), and one that begins them (`dry`) where
+    nothing is nearer.
     """
     if len(word) > 100:
         return ""
@@ -180,7 +181,8 @@ def suggest(word: str, candidates: Iterable[str]) -> str:
         by_lower.setdefault(candidate.lower(), candidate)
     ending = [n for n in by_lower if n.endswith(f".{word.lower()}")]
     first, _, last = word.lower().rpartition(".")
-    ending = ending or [n for n in by_lower if first and n.startswith(f"{first}.") and n.endswith(f".{last}")]
+    ending = [word.lower()] if word.lower() in by_lower else \
+        ending or [n for n in by_lower if first and n.startswith(f"{first}.") and n.endswith(f".{last}")]
     near = ending if 1 <= len(ending) <= FEW else difflib.get_close_matches(word.lower(), list(by_lower), n=2, cutoff=0.6)
     if not near and len(word) >= SHORTEST_BEGIN:
         beginning = [n for n in by_lower if n.startswith(word.lower())]
