@@ -37,18 +37,13 @@ def work_out(asked: Study, folder: Path, processes: int | None, fresh: bool, sch
     """Work a study out, tell it and write its files; the figures for JSON."""
     from heavebond.commands import terminal
     from heavebond.core.cluster import connected
-    from heavebond.reports.result_tables import Line
     from heavebond.reports.study_tables import study_items, write_study
     from heavebond.studies.campaign import run_study
     from heavebond.studies.tables import as_dict
 
     with connected(scheduler) as cluster, terminal.working("study") as progress:
         result = run_study(asked, folder=folder, processes=processes, executor=cluster, fresh=fresh, progress=progress)
-    items = study_items(result)
-    terminal.show([item for item in items if not (isinstance(item, Line) and item.warning)])
-    for item in items:
-        if isinstance(item, Line) and item.warning:
-            terminal.warn(item.text)
+    terminal.show(study_items(result))
     files = write_study(result, folder)
     console = terminal.output()
     for path in files:

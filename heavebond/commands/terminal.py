@@ -16,8 +16,7 @@ from heavebond.core.limits import PROBLEMS_SHOWN
 from heavebond.core.quoting import visible
 
 if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
+    from rich.console import Console, Group
 
     from heavebond.reports.result_tables import Item
 
@@ -54,18 +53,20 @@ def _console(file: IO[str]) -> Console:
     return Terminal(file=file, width=width, highlight=False, markup=False, emoji=False, soft_wrap=False)
 
 
-def table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, text: int = 1) -> Table:
-    """A table; the first `text` columns are aligned left, the others, numbers, right."""
+def table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, text: int = 1) -> Group:
+    """A table; the first `text` columns are aligned left, the others, numbers, right. The title stands on a line of its own,
+    which is not broken at the width of the table."""
     from rich import box
+    from rich.console import Group
     from rich.table import Table
+    from rich.text import Text
 
-    made = Table(title=title or None, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False,
-                 show_edge=False)
+    made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for k, (name, width) in enumerate(zip(head, _widths(head, rows, output().width), strict=True)):
         made.add_column(name, justify="left" if k < text else "right", overflow="fold", width=width)
     for row in rows:
         made.add_row(*row)
-    return made
+    return Group(*([Text(title, style="bold", no_wrap=True, overflow="ignore")] if title else []), made)
 
 
 def _widths(head: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> Sequence[int | None]:
@@ -83,18 +84,18 @@ def _widths(head: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> S
 
 
 def show(items: Sequence[Item]) -> None:
-    """Print the tables and lines of a result."""
+    """Print the tables and lines of a result, warnings on standard error."""
     from heavebond.core.presentation import columns
     from heavebond.reports.result_tables import Line, ResultTable
 
     console = output()
     for item in items:
         if isinstance(item, ResultTable):
-            if item.title:  # on a line of its own, which is not broken at the width of the table
-                console.print(item.title, style="bold", soft_wrap=True)
-            console.print(table("", item.head, item.rows, text=item.text))
+            console.print(table(item.title, item.head, item.rows, text=item.text))
+        elif isinstance(item, Line) and item.warning:
+            warn(item.text)
         elif isinstance(item, Line):
-            console.print(item.text, style="yellow" if item.warning else None, soft_wrap=True)
+            console.print(item.text, soft_wrap=True)
         else:
             for line in ["noticed", *columns(item.rows, console.width)]:
                 console.print(line)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from heavebond.core.errors import Problem, UsageError, listing, suggest
 from heavebond.core.progress import Progress
@@ -17,7 +16,7 @@ from heavebond.diagnosis.ladder import AddedEffect, LadderEntry
 from heavebond.diagnosis.like_places import candidates
 from heavebond.diagnosis.stage import single
 from heavebond.diagnosis.stepwise_selection import SelectedEffect
-from heavebond.estimation.experiment import Experiment
+from heavebond.estimation.experiment import ExperimentOrFile
 from heavebond.estimation.fitting import fit
 
 
@@ -39,7 +38,7 @@ class Attempt:
 
 @reporting
 @single_threaded
-def attempt(experiment: Experiment | str | Path, component: str, places: Sequence[str] = (), *,
+def attempt(experiment: ExperimentOrFile, component: str, places: Sequence[str] = (), *,
             progress: Progress | None = None) -> Attempt:
     """Insert one effect into the diagram of an experiment and fit it.
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite, nan
-from pathlib import Path
 
 from heavebond.core import facade
 from heavebond.core.cancellation import Budget
@@ -60,7 +59,7 @@ from heavebond.diagnosis.verdict import (
 from heavebond.diagnosis.yardstick import judged
 from heavebond.estimation.comparison import Comparison
 from heavebond.estimation.excerpts import as_long_as, cut, excerpt
-from heavebond.estimation.experiment import Experiment
+from heavebond.estimation.experiment import Experiment, ExperimentOrFile
 from heavebond.estimation.fitting import Fit, fit
 
 # Share of the time after which the first fit of all samples is ended with its best so far, and shares that are kept for the
@@ -150,7 +149,7 @@ class Diagnosis:
 
 @reporting
 @single_threaded
-def diagnose(experiment: Experiment | str | Path, *, steps: int = MOST, number: int | None = None,
+def diagnose(experiment: ExperimentOrFile, *, steps: int = MOST, number: int | None = None,
              executor: Cluster | None = None, seconds: float | str = SECONDS, classes: Sequence[str] = (),
              samples: int | None = None, progress: Progress | None = None,
              growing: Callable[[list[dict[str, object]]], None] | None = None) -> Diagnosis:
@@ -171,7 +170,7 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int = MOST, number: 
         return _diagnosed(experiment, steps, number, seconds, classes, samples, progress, growing)
 
 
-def _diagnosed(experiment: Experiment | str | Path, steps: int, number: int | None, seconds: float | str,
+def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, seconds: float | str,
                classes: Sequence[str], samples: int | None, progress: Progress | None,
                growing: Callable[[list[dict[str, object]]], None] | None) -> Diagnosis:
     budget, experiment = Budget(si_value(seconds, "s", "seconds")), loaded(experiment)

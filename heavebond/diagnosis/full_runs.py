@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import inf
-from pathlib import Path
 
 from heavebond.core.cancellation import ENDED_EARLY
 from heavebond.core.errors import Problem, UsageError
@@ -16,14 +15,14 @@ from heavebond.diagnosis.stepwise_selection import SelectedEffect
 from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.comparison import Comparison, compare, compare_record
 from heavebond.estimation.excerpts import as_long_as
-from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_experiment
 from heavebond.estimation.fitting import Fit, fit
 
 
-def loaded(experiment: Experiment | str | Path) -> Experiment:
+def loaded(experiment: ExperimentOrFile) -> Experiment:
     """An experiment, read where it is a file, with what the noise of its inputs does; UsageError where no record of it is
     fitted."""
-    found = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
+    found = load_experiment(experiment)
     if not any(r.use == "fit" for r in found.records.values()):
         raise UsageError([Problem("fit-no-record", "no record is to be fitted", None,
                                   "Mark at least one record with `use: fit`.")])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from heavebond.core.reporting import place, reporting
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.refit import Refit
 from heavebond.estimation.comparison import Channel, Comparison, RecordComparison, compare
-from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_experiment
 from heavebond.estimation.fitting import Fit, Fitted
 from heavebond.estimation.residuals import AT_END
 from heavebond.language.definition import Component
@@ -185,14 +184,14 @@ def _chi2(parts: Sequence[RecordComparison]) -> float:
 
 
 @reporting
-def ladder(experiments: Sequence[Experiment | str | Path], *, progress: Progress | None = None) -> list[LadderEntry]:
+def ladder(experiments: Sequence[ExperimentOrFile], *, progress: Progress | None = None) -> list[LadderEntry]:
     """Compare several models with the same records: the errors of `experiments` in the order given.
 
     An error is the rms of the residual over that of the record about its mean, without unit. Each model has the values
     of its diagram. `progress` is called with the name of each experiment. Raises UsageError where records or channels
     differ, and whatever `compare` raises.
     """
-    found = [e if isinstance(e, Experiment) else load_experiment(e) for e in experiments]
+    found = [load_experiment(e) for e in experiments]
     for other in found[1:]:
         if _measured(other) != _measured(found[0]):
             raise UsageError([Problem("ladder-records", f"{other.path.name} and {found[0].path.name} have different records "

@@ -12,25 +12,24 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from heavebond.diagnosis.catalogue import Candidate, Site, fresh, single_candidates, site_of, snake
 from heavebond.diagnosis.scoring import Score
 from heavebond.estimation.change import Change, Part
-from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.experiment import ExperimentOrFile, load_experiment
 
 Signature = tuple[object, ...]
 LAWS = ("across", "at", "in series", "in")  # ways to attach that are considered: not sensors, nor replacements
 
 
-def candidates(experiment: Experiment | str | Path) -> list[Candidate]:
+def candidates(experiment: ExperimentOrFile) -> list[Candidate]:
     """All effects of the catalogue at all places of the diagram of an experiment.
 
     They stand in the order of the library, and after them each law at all like places together (`members` are the labels of
     its single candidates). `experiment` is one that was loaded, or its file or name. Raises ModelError for an invalid
     diagram or component, DataError for an experiment that cannot be read.
     """
-    experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
+    experiment = load_experiment(experiment)
     site = site_of(experiment)
     found = single_candidates(experiment, site.assembly)
     return [*found, *at_like_places(site, found)]

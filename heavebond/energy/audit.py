@@ -186,7 +186,7 @@ def audit(model: ModelOrFile | Assembly, until: Time | None = None, *, every: Ti
     verdict of the run fails. The tolerances are a tenth of the usual ones, as the errors of all steps add up in an
     energy.
     """
-    assembly = model if isinstance(model, Assembly) else assemble(model)
+    assembly = assemble(model)
     tolerances = Tolerances(rtol, atol)
     before = run_by_auto(Simulator(assembly, until, every=every, tolerances=tolerances), parameters)
     worthless = [f for f in before.verdict.findings if f.failed and f.kind != "energy"]  # which is what is asked here

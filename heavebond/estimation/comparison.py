@@ -31,7 +31,7 @@ from heavebond.core.units import Unit, dimension_text, read_unit
 from heavebond.estimation.change import quoted
 from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.constant_bias import all_advice
-from heavebond.estimation.experiment import Experiment, Output, Record, load_experiment
+from heavebond.estimation.experiment import Experiment, ExperimentOrFile, Output, Record, load_experiment
 from heavebond.estimation.feedback import closed_loops
 from heavebond.estimation.input_noise import noise_notes
 from heavebond.estimation.records import Mask, Measured, Samples, measure, moments
@@ -189,7 +189,7 @@ class Comparison:
 
 
 @reporting
-def compare(experiment: Experiment | str | Path, *, parameters: Mapping[str, float | str] | None = None,
+def compare(experiment: ExperimentOrFile, *, parameters: Mapping[str, float | str] | None = None,
             progress: Callable[[str], None] | None = None) -> Comparison:
     """Simulate the diagram of an experiment with the measured inputs and compare it with the records.
 
@@ -198,7 +198,7 @@ def compare(experiment: Experiment | str | Path, *, parameters: Mapping[str, flo
     with a unit; `progress` is called with the name of each record. Raises UsageError, ModelError, DataError, StartError
     or SimulationError with what is wrong.
     """
-    experiment = with_noise(experiment if isinstance(experiment, Experiment) else load_experiment(experiment))
+    experiment = with_noise(load_experiment(experiment))
     problems, kinds = Problems(), set[type[HeavebondError]]()
     records = {}
     for k, record in enumerate(experiment.records.values()):

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from filecmp import cmp
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -180,12 +181,16 @@ def with_inputs_moved(experiment: Experiment, to: Dictionary[str, str]) -> Exper
     return replace(experiment, inputs=there(experiment.inputs), records=records)
 
 
-def load_experiment(name: str | Path) -> Experiment:
-    """Load an experiment: the path of a file, or the `name` of a bundled one (`passive_rig/friction`).
+ExperimentOrFile: TypeAlias = Experiment | str | Path
 
+
+def load_experiment(experiment: ExperimentOrFile) -> Experiment:
+    """Load an experiment.
+
+    `experiment` is the path of a file or the name of a bundled one (`passive_rig/friction`); an Experiment is returned as it is.
     Raises UsageError where there is no such file, ModelError with the lines that are wrong.
     """
-    return _load(find(name, "experiment"), ())
+    return experiment if isinstance(experiment, Experiment) else _load(find(experiment, "experiment"), ())
 
 
 def _load(path: Path, chain: tuple[Path, ...]) -> Experiment:

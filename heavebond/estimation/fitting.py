@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -33,7 +32,7 @@ from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
 from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.comparison import Comparison, RecordComparison, compare_record
-from heavebond.estimation.experiment import Experiment, Free, Record, load_experiment
+from heavebond.estimation.experiment import Experiment, ExperimentOrFile, Free, Record, load_experiment
 from heavebond.estimation.identifiability import Identifiability, identifiability
 from heavebond.estimation.records import measure
 from heavebond.estimation.residuals import AT_END, BROKEN, Column, Descent, Residuals
@@ -161,7 +160,7 @@ class Fit:
 
 @reporting
 @single_threaded
-def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int = 1, seed: int = 0, robust: bool = False,
+def fit(experiment: ExperimentOrFile, *, starts: int = 1, segments: int = 1, seed: int = 0, robust: bool = False,
         free: Mapping[str, Free | str] | None = None, executor: Cluster | None = None, kept: KeptLines | None = None,
         progress: Progress | None = None, partial: bool = False, seconds: float | str = math.inf,
         before: Comparison | None = None) -> Fit:
@@ -180,7 +179,7 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
     Raises UsageError where nothing is free, a name is unknown or a range has the wrong unit, ModelError or DataError
     where the experiment is wrong and SimulationError where the model cannot be simulated near the start.
     """
-    experiment = with_noise(experiment if isinstance(experiment, Experiment) else load_experiment(experiment))
+    experiment = with_noise(load_experiment(experiment))
     if free is not None:
         experiment = replace(experiment, free={name: _free(name, given) for name, given in free.items()})
     if not experiment.free:

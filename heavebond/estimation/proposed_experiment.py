@@ -223,7 +223,8 @@ def _by_place(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool]
             continue
         fit = [t for t, words in places.items()
                if t.unit.dimension == given[1].dimension and place <= words and t not in found.values()]
-        shortest = [t for t in fit if len(places[t]) == min(len(places[f]) for f in fit)]
+        least = min((len(places[t]) for t in fit), default=0)
+        shortest = [t for t in fit if len(places[t]) == least]
         if len(shortest) == 1:
             found[column] = shortest[0]
     return found

@@ -22,6 +22,7 @@ from heavebond.language.definition import FileInput
 from heavebond.numerics.inputs import input_samples
 from heavebond.records import outliers
 from heavebond.records.measurements import BRIDGED, Table, check_gaps, check_time, column, gaps, read_table, samples, timed
+from heavebond.records.metrics import autocorrelation
 from heavebond.records.noise import MIN_SAMPLES, NoiseEstimate, estimate_noise
 from heavebond.text.expression import constant
 
@@ -431,9 +432,7 @@ def correlation_time(time: Array, y: Array) -> float:
     usual distance; that of one sample where they are uncorrelated or constant."""
     step = float(np.median(np.diff(time)))
     even = np.interp(np.arange(time[0], time[-1] + step / 2, step), time, y)
-    spectrum = np.fft.rfft(even - even.mean(), 2 * len(even))
-    correlation = np.fft.irfft(np.abs(spectrum)**2)[:len(even)]
-    below = np.flatnonzero(correlation < correlation[0] / np.e)
+    below = np.flatnonzero(autocorrelation(even, len(even) - 1) < 1 / math.e)
     return step * float(max(below[0], 1) if len(below) else 1)
 
 

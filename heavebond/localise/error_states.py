@@ -19,6 +19,7 @@ from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.curves import Mask
 from heavebond.localise.law_forms import hats, knots_of, solved
 from heavebond.numerics.dae import Array
+from heavebond.records.metrics import autocorrelation
 
 
 @dataclass(frozen=True)
@@ -82,17 +83,10 @@ def _chance(a: Array, b: Array) -> float:
     if size == 0 or len(a) < 10:
         return 1.0
     r = float(np.clip(a @ b / size, -0.999999, 0.999999))
-    together = float(np.sum(_memory(a) * _memory(b)))
+    lags = max(1, len(a) // 4)
+    together = float(autocorrelation(a, lags)[1:] @ autocorrelation(b, lags)[1:])
     independent = max(3.0, len(a) / max(1.0, 1 + 2 * together))
     return float(student.sf(r * np.sqrt((independent - 2) / (1 - r * r)), independent - 2))
-
-
-def _memory(a: Array) -> Array:
-    """Autocorrelation at the lags 1 .. N/4."""
-    n = len(a)
-    spectrum = np.abs(np.fft.rfft(a, 2 * n))**2
-    found = np.fft.irfft(spectrum)[:max(2, n // 4)]
-    return np.asarray(found[1:] / found[0])
 
 
 def envelope(values: Array, time: Array) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ from heavebond.equations.places import Place
 from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.excerpts import EXCERPTS, excerpt
-from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_experiment
 from heavebond.estimation.fitting import Fit
 from heavebond.estimation.records import measure
 from heavebond.localise.constants import INPUT_ESTIMATION
@@ -155,7 +155,7 @@ class Localization:
 
 @reporting
 @single_threaded
-def localize(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, float | str] | None = None,
+def localize(experiment: ExperimentOrFile, *, values: Fit | Mapping[str, float | str] | None = None,
              progress: Callable[[str], None] | None = None) -> Localization:
     """Localise a model error: when, in what state of motion and at which place of its diagram a model fails its records.
 
@@ -164,7 +164,7 @@ def localize(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, 
     with a unit), so that no fit is needed before. Of long records the beginning is used (see `estimation.excerpts`).
     `progress` is called with a text at each step. Raises what `compare` raises.
     """
-    experiment = with_noise(experiment if isinstance(experiment, Experiment) else load_experiment(experiment))
+    experiment = with_noise(load_experiment(experiment))
     say = progress or (lambda text: None)
     experiment = _beginning(experiment, values)
     records = sorted(experiment.records.values(), key=lambda r: r.use != "fit")

@@ -169,14 +169,17 @@ class Assembly:
         return ca.jtimes(value, low, high) + ca.jtimes(value, t, rate)
 
 
-def assemble(model: ModelOrFile, also: Iterable[str] = (), widths: float = 1.0) -> Assembly:
+def assemble(model: ModelOrFile | Assembly, also: Iterable[str] = (), widths: float = 1.0) -> Assembly:
     """Assemble a diagram: flatten, reduce the index and compile x' = f(t, x, z, p), 0 = g(t, x, z, p).
 
-    `model` is a diagram, or the path or bundled name of one. An Assembly serves many runs. `also` names positions that no
-    equation uses; `widths` is a factor on the widths of all regularised transitions. Raises ModelError with all that is
-    wrong in the diagram. Sources: C. C. Pantelides, 1988, doi:10.1137/0909014; S. E. Mattsson, G. Soederlind, 1993,
+    `model` is a diagram, or the path or bundled name of one; an Assembly, which serves many runs, is returned as it is.
+    `also` names positions that no equation uses; `widths` is a factor on the widths of all regularised transitions. Raises
+    ModelError with all that is wrong in the diagram. Sources: C. C. Pantelides, 1988, doi:10.1137/0909014; S. E. Mattsson,
+    G. Soederlind, 1993,
     doi:10.1137/0914043.
     """
+    if isinstance(model, Assembly):
+        return model
     with put_off():
         flat = flatten(loaded(model), sorted(set(also)), widths)
         check()

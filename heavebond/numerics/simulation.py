@@ -60,7 +60,7 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
     and SimulationError where the integration fails. Source: A. C. Hindmarsh et al., SUNDIALS, 2005,
     doi:10.1145/1089014.1089020.
     """
-    assembly = model if isinstance(model, Assembly) else assemble(model, also)
+    assembly = assemble(model, also)
     written = assembly.model.solver
     asked = solver or (written.text if written else "auto")
     simulator = Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol), sensitivities=sensitivities,

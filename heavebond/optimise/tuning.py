@@ -85,7 +85,7 @@ def tune(model: ModelOrFile | Assembly | Objective, task: TuningProblem, *, expl
         raise UsageError([Problem("method-unknown", f"'{method}' is no method of tuning", None,
                                   suggest(method, METHODS) or f"Methods: {', '.join(METHODS)}.")])
     problem = model if isinstance(model, Objective) else \
-        Objective(model if isinstance(model, Assembly) else assemble(model), task)
+        Objective(assemble(model), task)
     say = progress or (lambda text: None)
     found: list[SearchResult] = []
     for k, first in enumerate(starting_points(problem, explore, starts, seed, say), 1):

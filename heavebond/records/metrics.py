@@ -51,9 +51,11 @@ def autocorrelation(e: Array, lags: int) -> Array:
 
     NaN for a constant. White noise of n samples has r_k within 2/sqrt(n) for 19 of 20 lags k > 0.
     """
-    e = np.asarray(e, dtype=np.float64) - np.mean(e)
-    total = float(e @ e)
-    return np.array([_ratio(float(e[:len(e) - k] @ e[k:]), total) for k in range(lags + 1)])
+    if not np.ptp(e):  # of equal numbers the mean is not quite the number
+        return np.full(lags + 1, np.nan)
+    spectrum = np.fft.rfft(e - np.mean(e), len(e) + lags + 1)
+    found = np.fft.irfft(np.abs(spectrum)**2, len(e) + lags + 1)[:lags + 1]
+    return np.asarray(found / found[0])
 
 
 def whiteness(e: Array, lags: int | None = None) -> float:
