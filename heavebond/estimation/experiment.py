@@ -189,7 +189,6 @@ def load_experiment(experiment: ExperimentOrFile) -> Experiment:
 
     `experiment` is the path of a file or the name of a bundled one (`passive_rig/friction`); an Experiment is returned as it
     is. Raises UsageError where there is no such file, ModelError with the lines that are wrong.
-    Raises UsageError where there is no such file, ModelError with the lines that are wrong.
     """
     return experiment if isinstance(experiment, Experiment) else _load(find(experiment, "experiment"), ())
 
