@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from test_import_20sim import at, one_part, run_part
-from test_import_20sim_models import imported, part
+from test_import_20sim_models import block, imported, part
 
+import heavebond as hb
 from heavebond.cli import main
 from heavebond.import_20sim.importer import import_emx
 from heavebond.language.library import library
@@ -90,3 +91,67 @@ def test_plotted_quantities_of_ports_keep_their_sign(tmp_path: Path) -> None:
     run = imported(tmp_path, parts, "Source\\p => Load\\p", 1.0, f"<PlotSpecs><Plots><Plot><Curves>{curves}</Curves></Plot>"
                    "</Plots></PlotSpecs>")
     assert [float(run.display[n][-1]) for n in ("Source_p_f", "Load_p_f", "Load_p_e")] == pytest.approx([1.5, 1.5, 3.0])
+
+
+def test_a_digital_controller_that_limits_its_integral(tmp_path: Path) -> None:
+    """`previous (uI)` is what uI was at the end of the last sample, though `code` assigns it twice; a step at a sample
+    counts in that sample. The plant is y' = 2 (u - y), solved exactly between the samples."""
+    control = """parameters
+ real Kp = 3.0, Ti = 0.4 {s}, Td = 0.02 {s}, umax = 10;
+variables
+ real error, uI, uD, raw, hidden x;
+code
+ error = want - sample (is);
+ uI = previous (uI) + Kp * sampletime / Ti * error;
+ uD = Kp * Td * ddif (error);
+ raw = Kp * error + uI + uD;
+ if abs (raw) > umax then uI = previous (uI); end;
+ u = limit (raw, -umax, umax);"""
+    parts = (part("Control", "signal in want; signal in is; signal out u", control)
+             + part("DA", "signal in u; signal out y", "equations\n y = hold (u);")
+             + part("Want", "signal out y", "equations\n y = 2 * step (0.1);")
+             + part("Plant", "signal in u; signal out y", "equations\n y = int (2 * (u - y));"))
+    run = imported(tmp_path, parts, "Want\\y -> Control\\want; Plant\\y -> Control\\is; Control\\u -> DA\\u; "
+                   "DA\\y -> Plant\\u", 0.6, "<R><SampleFrequency>50</SampleFrequency></R>")
+    y, sum_, last, samples = 0.0, 0.0, 0.0, []
+    for k in range(31):
+        error = (2 if k >= 5 else 0) - y
+        raised = sum_ + 3 * 0.02 / 0.4 * error
+        raw = 3 * error + raised + 3 * 0.02 * (error - last) / 0.02
+        sum_, last, u = raised if abs(raw) <= 10 else sum_, error, min(max(raw, -10), 10)
+        samples.append((y, u))
+        y = u + (y - u) * np.exp(-0.04)
+    k = np.minimum((run.time / 0.02 + 1e-9).astype(int), 30)
+    began, u = np.array(samples)[k].T
+    assert run["Plant.y"] == pytest.approx(u + (began - u) * np.exp(-2 * (run.time - 0.02 * k)), abs=1e-6)
+
+
+def test_values_of_the_default_experiment_reach_elements_and_names_with_spaces(tmp_path: Path) -> None:
+    def experiment(name: str, values: dict[str, str]) -> str:
+        inner = "".join(f"<Variable><Name>{n}</Name><Value>{v}</Value></Variable>" for n, v in values.items())
+        return (f"<Experiment><Name>{name}</Name><ExpData><Variables><Parameters>{inner}</Parameters></Variables><RunSpecs>"
+                "<SimulatorSettings><FinishTime>1</FinishTime><UseOutputAfterEach>true</UseOutputAfterEach><OutputAfterEach>0.25"
+                "</OutputAfterEach></SimulatorSettings></RunSpecs></ExpData></Experiment>")
+
+    text = one_part("parameters\n real w[3] = [1; 1; 1], M[2,2] = [1, 1; 1, 1]; boolean on;\nequations\n"
+                    " y = sum (w) + 100 * M[1,2] + (if on then 1000 else 0 end);", "y").replace("Part 0 0", "'the part' 0 0")
+    head = text[:text.index("<Experiments>")]
+    (tmp_path / "cart.emx").write_text(
+        head + "<Experiments><DefaultExperiment>b</DefaultExperiment>" + experiment("a", {"the part\\w[1]": "50"})
+        + experiment("b", {"the part\\w[2]": "3", "the part\\w[3,1]": "5", "the part\\M[1,2]": "7", "the part\\on": "true"})
+        + "</Experiments></Document>")
+    made = import_emx(tmp_path / "cart.emx", frozenset(library().names()))
+    made.write(tmp_path / "out")
+    run = hb.simulate(hb.load(str(tmp_path / "out" / "cart.yaml")))
+    assert run["the_part.y"][-1] == 9 + 700 + 1000 and len(run.time) == 5
+
+
+def test_computed_global_quantities_with_units(tmp_path: Path) -> None:
+    """The area follows from a global diameter; a submodel within a submodel uses it with a global stiffness in bar."""
+    relations = ("description '<A><GlobalRelations>parameters\n real global bulk {bar} = 14000;\n real global d = 40 {mm};\n"
+                 "variables\n real global area {m2};\nequations\n area = pi / 4 * d ^ 2;</GlobalRelations></A>';\n")
+    leaf = part("Leaf", "signal out y", "parameters\n real global bulk;\nvariables\n real global area;\nequations\n"
+                " y = int (bulk * area);")
+    parts = block("Outer", "signal out y", leaf, "Leaf\\y -> y").replace(" type Submodel", f" {relations} type Submodel", 1)
+    run = imported(tmp_path, parts, "", 1.0)
+    assert run["Outer.Leaf.y"][-1] == pytest.approx(14000e5 * np.pi / 4 * 0.04**2)

@@ -208,8 +208,8 @@ class Translator:
             if stated is not None:
                 item.value = stated
         for own, shared in made.shared.items():
-            if shared in self.emx.parameters:
-                made.items[own].value = self.emx.parameters[shared]
+            if (label := identifier(shared)) in self.emx.parameters:
+                made.items[own].value = self.emx.parameters[label]
         self.pending.append((made, prefix, builder))
 
     def _initial_values(self, made: Component, prefix: str, builder: Builder) -> None:
@@ -223,7 +223,8 @@ class Translator:
                 made.omitted.append((builder.submodel.line, why))
             made.items[held].value = value or 0.0
         for variable, first in list(made.initial.items()):
-            stated = self.emx.initials.get(f"{prefix}{variable}_initial")
+            of_element = re.sub(r"((?:_[0-9]+)*)$", r"_initial\1", variable)  # x_initial[2]
+            stated = self.emx.initials.get(f"{prefix}{variable}_initial", self.emx.initials.get(f"{prefix}{of_element}"))
             value = fold(first, known) if stated is None else stated
             if value is None:
                 why = f"the initial value of '{variable}' depends on the run; 0 is used"
@@ -259,7 +260,8 @@ class Translator:
                 continue
             name = _unused(identifier(part.name), taken)
             taken.add(name)
-            inner = self.submodel(part, f"{old}\\{part.name}" if old else part.name, f"{new}.{name}" if new else name,
+            own = identifier(part.name)
+            inner = self.submodel(part, f"{old}\\{own}" if old else own, f"{new}.{name}" if new else name,
                                   ends.get(part.name, []))
             placed = Part(name, inner, part.x, part.y)
             placed.elements = {**inner.elements, **{

@@ -22,6 +22,11 @@ class Item:
     out: bool = False  # of a bond: its flow is positive out of the submodel in 20-sim
 
 
+def without_unit(item: Item) -> None:
+    """Say the unit in the description."""
+    item.doc, item.unit = " ".join(filter(None, (item.doc, f"[{item.unit}]" if item.unit else ""))), ""
+
+
 @dataclass
 class Event:
     """An entry under `when:`: its instant ({"condition": ...}, {"at": ...} or {"every": ..., "from": ...}), what it sets."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from xml.parsers import expat
 
 from heavebond.core.errors import ModelError, Place, Problem
+from heavebond.import_20sim.names import labels
 
 MOST_BYTES = 50_000_000
 DEEPEST = 100
@@ -16,12 +17,16 @@ MOST_ELEMENTS = 1_000_000
 
 @dataclass
 class EmxFile:
-    """The SIDOPS text with its first line, and the run settings, values and plotted variables of the default experiment."""
+    """The SIDOPS text with its first line, and the run settings, values and plotted variables of the default experiment.
+    Values and texts have the names that `names.labels` gives; plotted variables, those of the file."""
 
     path: Path
     sidops: str = ""
     first_line: int = 1
+    default: str = ""  # name of the default experiment
+    name: str = ""  # of the experiment
     finish: float | None = None
+    every: float | None = None  # output interval
     sample_time: float | None = None
     parameters: dict[str, float] = field(default_factory=dict)
     initials: dict[str, float] = field(default_factory=dict)
@@ -37,8 +42,9 @@ class _Handler:
         self.path: list[str] = []
         self.text: list[str] = []
         self.elements = 0
-        self.experiments = 0
-        self.name = ""
+        self.experiment: EmxFile | None = None  # the one that is read
+        self.use_every = False
+        self.names: list[str] = []
 
     def begin(self, tag: str, attributes: dict[str, str]) -> None:
         self.elements += 1
@@ -47,7 +53,7 @@ class _Handler:
             raise _refused(self.found.path, self.parser.CurrentLineNumber, "emx-nesting", "its XML is nested too deeply "
                            "or has too many elements")
         if tag == "Experiment":
-            self.experiments += 1
+            self.experiment, self.use_every = EmxFile(self.found.path), False
         if tag == "Sidops":
             self.found.first_line = self.parser.CurrentLineNumber
         self.text = []
@@ -59,34 +65,56 @@ class _Handler:
         text = "".join(self.text)
         if tag == "Sidops" and not self.found.sidops:
             self.found.sidops = text
-        elif self.experiments == 1:
-            self._experiment(tag, text.strip())
+        elif tag == "DefaultExperiment":
+            self.found.default = text.strip()
+        elif tag == "Experiment":
+            self.keep()
+        elif self.experiment is not None:
+            self._settings(self.experiment, tag, text.strip())
+            self._experiment(self.experiment, tag, text.strip())
         self.path.pop()
         self.text = []
 
-    def _experiment(self, tag: str, text: str) -> None:
-        parent = self.path[-2] if len(self.path) > 1 else ""
-        if parent == "Variable" and tag == "Name":
-            self.name = text
-        elif parent == "Variable" and tag == "Value" and (value := _number(text)) is not None:
-            group = self.path[-3] if len(self.path) > 2 else ""
-            if group == "Parameters":
-                self.found.parameters[self.name] = value
-            elif group == "Initials":
-                self.found.initials[self.name] = value
-        elif parent == "Variable" and tag == "Value" and len(self.path) > 2 and self.path[-3] == "Parameters":
-            self.found.texts[self.name] = text.strip("\"'")
-        elif tag == "VarName" and parent == "YCurveData" and text not in self.found.plotted:
-            self.found.plotted.append(text)
+    def keep(self) -> None:
+        """Use the experiment that has been read where it is the first one, or the default one."""
+        read, self.experiment = self.experiment, None
+        if read is None:
+            return
+        if not self.found.name or (read.name == self.found.default != self.found.name):
+            self.found = replace(read, sidops=self.found.sidops, first_line=self.found.first_line,
+                                 default=self.found.default, name=read.name or "Experiment")
+
+    def _settings(self, found: EmxFile, tag: str, text: str) -> None:
+        if tag == "Name" and self.path[-2:-1] == ["Experiment"]:
+            found.name = text
         elif tag == "FinishTime":
-            self.found.finish = _number(text)
-        elif tag in ("SampleTime", "SampleFrequency") and self.found.sample_time is None and (value := _number(text)):
-            self.found.sample_time = value if tag == "SampleTime" else 1 / value
+            found.finish = _number(text)
+        elif tag == "UseOutputAfterEach":
+            self.use_every = text.lower() == "true"
+        elif tag == "OutputAfterEach" and self.use_every and (value := _number(text)) and value > 0:
+            found.every = value
+        elif tag in ("SampleTime", "SampleFrequency") and not found.sample_time and (value := _number(text)) and value > 0:
+            found.sample_time = value if tag == "SampleTime" else 1 / value
+
+    def _experiment(self, found: EmxFile, tag: str, text: str) -> None:
+        parent = self.path[-2] if len(self.path) > 1 else ""
+        group = self.path[-3] if len(self.path) > 2 else ""
+        if parent == "Variable" and tag == "Name":
+            self.names = labels(text)
+        elif parent == "Variable" and tag == "Value" and (value := _number(text)) is not None:
+            if group == "Parameters":
+                found.parameters.update(dict.fromkeys(self.names, value))
+            elif group == "Initials":
+                found.initials.update(dict.fromkeys(self.names, value))
+        elif parent == "Variable" and tag == "Value" and group == "Parameters":
+            found.texts.update(dict.fromkeys(self.names, text.strip("\"'")))
+        elif tag == "VarName" and parent == "YCurveData" and text not in found.plotted:
+            found.plotted.append(text)
 
 
 def _number(text: str) -> float | None:
     try:
-        value = float(text)
+        value = {"true": 1.0, "false": 0.0}[text.lower()] if text.lower() in ("true", "false") else float(text)
     except ValueError:
         return None
     return value if math.isfinite(value) else None
@@ -100,9 +128,8 @@ def read_emx(path: Path) -> EmxFile:
     """Read a file; raises ModelError for what is no .emx file, for document types and entities, and beyond the limits."""
     if path.stat().st_size > MOST_BYTES:
         raise _refused(path, 1, "emx-size", f"it has more than {MOST_BYTES // 1_000_000} MB")
-    found = EmxFile(path)
     parser = expat.ParserCreate()
-    handler = _Handler(parser, found)
+    handler = _Handler(parser, EmxFile(path))
     parser.StartElementHandler, parser.EndElementHandler = handler.begin, handler.end
     parser.CharacterDataHandler = handler.data
     parser.buffer_text = True
@@ -118,8 +145,9 @@ def read_emx(path: Path) -> EmxFile:
     except (expat.ExpatError, ValueError) as error:
         if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
             refuse()
-        if not found.sidops:
+        if not handler.found.sidops:
             raise _refused(path, getattr(error, "lineno", 1), "emx-xml", f"its XML is wrong: {error}") from None
-    if not found.sidops.strip():
+        handler.keep()
+    if not handler.found.sidops.strip():
         raise _refused(path, 1, "emx-xml", "it has no SIDOPS text; 20-sim models of version 4 and later have one")
-    return found
+    return handler.found

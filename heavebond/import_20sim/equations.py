@@ -50,9 +50,9 @@ class Builder(Execution):
         self.symbols = Symbols(submodel, self.made, self.memory, ends, known)
         self.source, self.evaluate, self.numbers = self.symbols.source, self.symbols.evaluate, self.symbols.numbers
         self.evaluate.knots = partial(knot_value, self.symbols)
-        self.folder, self.evaluate.table = folder, self._table
-        stated = {d.name: d.value.name for d in (*submodel.parameters, *self.source.parameters, *self.source.constants)
-                  if d.kind == "string" and d.value is not None}
+        self.folder, self.evaluate.table, self.evaluate.final = folder, self._table, self._final
+        everything = (*submodel.parameters, *self.source.parameters, *self.source.constants)
+        stated = {identifier(d.name): d.value.name for d in everything if d.kind == "string" and d.value is not None}
         self.texts = {**stated, **texts}
         self.triggers: Env = {}  # variables that are events
         self.start: Env = {}  # what the initial equations assign
@@ -245,7 +245,7 @@ class Builder(Execution):
                 raise Unreadable(left.line, "`next` sets variables only")
             item.kind, item.value = "held", 0.0
             self.made.first[e.name] = first[0][0]
-            self.made.on("sample", {"every": "sampletime"}, {e.name: value})
+            self.memory.sampled({e.name: value})
 
     def _initial(self, target: Matrix, values: Matrix) -> None:
         flat = [e for row in values for e in row]
@@ -253,9 +253,15 @@ class Builder(Execution):
         for e, value in zip(elements, flat if len(flat) == len(elements) else flat * len(elements), strict=False):
             self.made.initial[f.text(e)] = value
 
+    def _final(self, expr: Expr) -> Expr | None:
+        """The variable that an expression names: what it is after all statements."""
+        found = self.symbols.names.get(expr.name, []) if expr.op == "name" else []
+        item = self.made.items.get(found[0][0].name) if len(found) == len(found[:1][0] if found else "") == 1 else None
+        return found[0][0] if item is not None and item.kind in ("variable", "out") else None
+
     def _table(self, name: Expr, value: Expr) -> Expr:
         """A value of a table in a file, whose name is a text or a parameter."""
-        text = name.name if name.op == "text" else self.texts.get(name.name, "") if name.op == "name" else ""
+        text = name.name if name.op == "text" else self.texts.get(identifier(name.name), "") if name.op == "name" else ""
         if self.folder is None or not text:
             raise Unreadable(name.line, "the name of the table's file is not known")
         points = read_table(self.folder, text, name.line)

@@ -330,10 +330,13 @@ class Reader:
             self.declaring = False
 
     def _declared(self) -> list[Declared]:
-        kind, words, found = self.take().word, [], []
+        kind, words = self.take().word, []
+        found: list[Declared] = []
         while self.now.word in WORDS:
             words.append(self.take().word)
         while True:
+            while found and self.now.word in WORDS and self.tokens[self.at + 1].kind == "name":
+                self.take()
             token = self.take()
             if token.kind != "name":
                 raise Unreadable(token.line, f"'{token.text[:30]}' is no name")

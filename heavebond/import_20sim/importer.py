@@ -10,11 +10,11 @@ from heavebond.core.errors import Place, Problem
 from heavebond.core.quoting import file_stem
 from heavebond.core.writable import write_text
 from heavebond.import_20sim.block import Block, Part, Translator
-from heavebond.import_20sim.component import Component, Item
+from heavebond.import_20sim.component import Component, Item, without_unit
 from heavebond.import_20sim.emx_file import EmxFile, read_emx
 from heavebond.import_20sim.evaluate import MEMBERS, fold
 from heavebond.import_20sim.memory import SAMPLE_TIME
-from heavebond.import_20sim.names import identifier, snake
+from heavebond.import_20sim.names import identifier, labels, snake
 from heavebond.import_20sim.recognition import Match, recognised
 from heavebond.import_20sim.sidops_lexer import tokenise
 from heavebond.import_20sim.sidops_parser import parse_sidops
@@ -121,7 +121,8 @@ class _Writer:
                 if label in givers:
                     why = f"the global quantity '{label}' is computed by '{givers[label]}' too, which is used"
                     self.result.untranslated.append(Untranslated(path, made.line, why))
-                givers.setdefault(label, f"{path}.{own}")
+                if givers.setdefault(label, f"{path}.{own}") == f"{path}.{own}":
+                    without_unit(made.items[own])  # it feeds inputs, which have none
         units: dict[str, str] = {}
         used = {label for _, made in self.translator.components for label in made.shared.values()}
         for label, (value, unit) in self.translator.values.items():
@@ -177,7 +178,7 @@ class _Writer:
         """Use components of the library for those parts of a block that have their law."""
         joined = {end for ends in block.nodes.values() if len(ends) > 1 for end in ends}
         shared = dict(self.set)
-        plotted = {".".join(identifier(word) for word in name.split("\\")) for name in self.emx.plotted}
+        plotted = {label.replace("\\", ".") for name in self.emx.plotted for label in labels(name)}
         found: dict[str, tuple[Part, Match]] = {}
         for part in block.parts.values():
             made, own = part.what, f"{path}.{part.name}" if path else part.name
@@ -278,7 +279,8 @@ class _Writer:
             lines += ["initial:", *(f"  {path}: {value}" for path, value in initial)]
         lines += self._show()
         if self.emx.finish:
-            lines.append(f"simulate: {mapping([('until', quantity(self.emx.finish, 's'))])}")
+            times = [("until", self.emx.finish), *([("every", self.emx.every)] if self.emx.every else [])]
+            lines.append(f"simulate: {mapping((name, quantity(value, 's')) for name, value in times)}")
         return "\n".join(lines) + "\n"
 
     def _show(self) -> list[str]:
@@ -295,7 +297,7 @@ class _Writer:
                  if item.kind == "bond"}
         names: dict[str, str] = {}
         for plotted in self.emx.plotted:
-            path = ".".join(identifier(word) for word in plotted.split("\\"))
+            path = next((p for name in labels(plotted) if (p := name.replace("\\", ".")) in items), "")
             label = identifier(plotted.replace("\\", "_"))
             if path in items and label not in names:
                 item = items[path]

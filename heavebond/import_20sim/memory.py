@@ -17,6 +17,7 @@ from heavebond.import_20sim.names import identifier
 from heavebond.import_20sim.sidops_tree import Expr
 
 SAMPLE_TIME = "sampletime"
+SAMPLE = "sample"  # the event at every sample
 DELAYED = "state of the delay"
 PAIRS = 3  # of states in a delay, as in the library's Delay
 
@@ -35,7 +36,7 @@ class Memory:
     def state(self, rate: Expr, first: Expr | None, line: int, ending: str = "int") -> Expr:
         """A new state with this rate, for an integral inside an expression."""
         name = self.made.fresh(self._name(rate, ending))
-        self.made.items[name] = Item(name, "variable", "", f"integral in line {line} of the SIDOPS text")
+        self.made.items[name] = Item(name, "variable", "", "integral")
         self.made.equations.append((f.call("der", f.name(name)), at_event(rate, None), ""))
         self.made.initial[name] = first or f.number(0)
         return f.name(name)
@@ -87,7 +88,7 @@ class Memory:
             return args[0]
         if fold(time, {}) is None and time.op != "name":
             name = self.made.fresh(self._name(value, "delay_time"))
-            self.made.items[name] = Item(name, "variable", "", f"delay of `tdelay` in line {line} of the SIDOPS text")
+            self.made.items[name] = Item(name, "variable", "", "delay of `tdelay`")
             self.made.equations.append((f.name(name), at_event(time, None), ""))
             time = f.name(name)
         w, z = ([self._kept(value, f"delay_{letter}{k + 1}") for k in range(PAIRS)] for letter in "wz")
@@ -122,8 +123,9 @@ class Memory:
             self.made.shared[SAMPLE_TIME] = SAMPLE_TIME
         return f.name(SAMPLE_TIME)
 
-    def discrete(self, kind: str, args: list[Expr], line: int) -> Expr:
-        """`sample`, `hold`, `previous`, `dint` or `ddif` of a value, with a first value."""
+    def discrete(self, kind: str, args: list[Expr], final: Expr | None, line: int) -> Expr:
+        """`sample`, `hold`, `previous`, `dint` or `ddif` of a value, with a first value; `final` is the variable of that
+        value, if it is one: what is remembered of it is the value that it has after all statements of the sample."""
         if not args or len(args) > 2:
             raise Unreadable(line, f"`{kind}` needs a value and a first value")
         value, first = args[0], args[1] if len(args) > 1 else f.number(0)
@@ -131,11 +133,33 @@ class Memory:
         if kind == "sample":
             return value
         ending = {"hold": "hold", "previous": "previous", "dint": "dint", "ddif": "previous"}[kind]
-        name = self.made.hold(self._name(value, ending), "", f"`{kind}` in line {line} of the SIDOPS text", first)
-        kept = f.name(name)
-        after = f.add(kept, f.multiply(period, value)) if kind == "dint" else value
-        self.made.on("sample", {"every": SAMPLE_TIME}, {name: after})
+        kept = f.name(self._remembered(ending, value, value if final is None or kind in ("hold", "dint") else final, first))
         return Expr("/", (Expr("-", (value, kept)), period)) if kind == "ddif" else kept
+
+    def _remembered(self, ending: str, value: Expr, after: Expr, first: Expr) -> str:
+        """A held variable that takes a value at every sample; the same one for the same value."""
+        said = {"hold": "held since the last sample", "previous": "value at the last sample",
+                "dint": "sum of the samples before times the sample time"}[ending]
+        event = self.made.events.get(SAMPLE)
+        for name, old in event.then.items() if event is not None and ending == "previous" else ():
+            if old == after and self.made.first[name] == first and self.made.items[name].doc == said:
+                return name
+        name = self.made.hold(self._name(after, ending), "", said, first)
+        if ending == "dint":
+            after = f.add(f.name(name), f.multiply(self.sample_time(), value))
+        self.sampled({name: after})
+        return name
+
+    def sampled(self, then: dict[str, Expr]) -> None:
+        """Set values at every sample, after everything else that happens at the same instant, such as a step of an input:
+        a clock counts the samples, and a count that has not been answered is a sample."""
+        if SAMPLE not in self.made.events:
+            self.sample_time()
+            ticks, taken = (self.made.hold(name, "", doc, f.number(0)) for name, doc in (
+                ("ticks", "samples that are due"), ("samples", "samples that are taken")))
+            self.made.on("tick", {"every": SAMPLE_TIME}, {ticks: f.add(f.name(ticks), f.number(1))})
+            self.made.on(SAMPLE, {"condition": f"{ticks} > {taken}"}, {taken: f.name(ticks)})
+        self.made.events[SAMPLE].then.update({name: at_event(value, None) for name, value in then.items()})
 
     # -- events ------------------------------------------------------------------------------------------------------
     def event(self, kind: str, args: list[Expr], line: int) -> Expr:

@@ -22,6 +22,19 @@ def identifier(text: str) -> str:
     return f"{plain}_" if plain in RESERVED or plain.lower() in YAML_WORDS else plain
 
 
+def labels(name: str) -> list[str]:
+    """The names of a quantity of a file as the translated model has it: `Part\\x_1_2` for `Part\\x[1,2]`, and for
+    `x[2,1]`, which may be an element of a vector, `x_2` too."""
+    *path, last = name.split("\\")
+    found = re.fullmatch(r"(.*)\[\s*([0-9]+)\s*(?:,\s*([0-9]+)\s*)?\](.*)", last)
+    if found is None:
+        own = [last]
+    else:
+        label, row, column, ending = found.groups()
+        own = [f"{label}_{row}_{column}{ending}"] * bool(column) + [f"{label}_{row}{ending}"] * (column in (None, "1"))
+    return ["\\".join(identifier(word) for word in (*path, one)) for one in own]
+
+
 def ascii_text(text: str) -> str:
     """Letters without accents, Greek letters by their names: `Verst\u00e4rker` as `Verstaerker`, `\u03b8_1` as `theta_1`."""
     if text.isascii():

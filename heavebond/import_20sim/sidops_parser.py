@@ -62,6 +62,7 @@ def _specifications(reader: Reader, found: Submodel) -> None:
     while reader.skip("specification"):
         chosen = reader.take().text == active
         inner = Submodel(found.name, reader.now.line, found.x, found.y)
+        _placement(reader)
         _body(reader, inner)
         _placement(reader)
         reader.need("specification_end")
