@@ -1,8 +1,10 @@
-"""The decision of a diagnosis: cross-validated errors, the model confidence set, roles of data, adequacy, and the time."""
+"""The decision of a diagnosis: cross-validated errors, the model confidence set, roles of data, adequacy, and the time; and
+refits that are given up beside a better candidate."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +15,13 @@ from heavebond.diagnosis.adequacy import Adequacy
 from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.confidence_set import block_length, confidence_set, resampled
 from heavebond.diagnosis.diagnosis import diagnose
+from heavebond.diagnosis.early_stopping import HOPE, MIDWAY, stop_inferior_starts
 from heavebond.diagnosis.predictive_errors import FITTED, SELECTION, TEST, Series, binned, cross_validated, predictive_errors
-from heavebond.diagnosis.refit import begun
-from heavebond.diagnosis.scoring import Base, searched
+from heavebond.diagnosis.refit import Refit, begun
+from heavebond.diagnosis.scoring import Base, scored, searched
 from heavebond.diagnosis.stage import fitted_base
 from heavebond.estimation.experiment import Experiment, is_test, load_experiment
+from heavebond.estimation.residuals import ARRIVED, GIVEN_UP, Descent
 
 ONE = np.zeros(400, dtype=np.int64)
 
@@ -154,3 +158,58 @@ def test_a_curve_decides_only_where_it_covers_the_held_out_motion(base: Base, co
     curve = next(filter(None, (begun(base, c) for c in single_candidates(base.problem.experiment) if c.vanishes)))
     assert curve is not None
     assert Adequacy(0.83, curve, covered=covered).decided is decided
+
+
+def first_steps(base: Base, label: str, least: float) -> Refit:
+    """A candidate begun while the best of others leaves `least`."""
+    candidate = next(c for c in single_candidates(base.problem.experiment) if c.label == label)
+    found = begun(base, candidate, scored(base, candidate), least)
+    assert found is not None and len(found.begun) > 1
+    return found
+
+
+def facts(found: Refit) -> list[tuple[bytes, float, tuple[float, ...], str]]:
+    return [(d.x.tobytes(), d.cost, d.history, d.message) for d in found.begun]
+
+
+def test_a_hopeless_refit_is_given_up_on_the_way_that_it_would_have_gone(base: Base) -> None:
+    label = "Delay before inlet.u"
+    whole = first_steps(base, label, 0.0)  # nothing is known of others
+    hopeful = first_steps(base, label, 2 * whole.cost / HOPE)
+    assert facts(hopeful) == facts(whole) and hopeful.evaluations == whole.evaluations
+
+    short = first_steps(base, label, 0.5 * whole.cost / HOPE)
+    given_up = [d for d in short.begun if d.message == GIVEN_UP]
+    assert given_up and all(len(d.history) == MIDWAY and d.unfinished for d in given_up)
+    assert short.evaluations < whole.evaluations
+
+    def same_way(one: Descent, other: Descent) -> bool:
+        return one.history == other.history[:len(one.history)]
+
+    for ended in short.begun:  # to the last bit: each as far as one of the undisturbed ones
+        (way,) = [d for d in whole.begun if same_way(ended, d)]
+        assert ended.message == GIVEN_UP or np.array_equal(ended.x, way.x)
+
+
+def told(costs: Sequence[float], least: float, at: float = 0.0) -> list[str]:
+    """What is said after each run of a descent."""
+    enough = stop_inferior_starts(np.ones(1), least)
+    return [enough(costs[:k], np.array([at])) for k in range(1, len(costs) + 1)]
+
+
+def test_a_descent_is_given_up_only_where_it_is_far_behind_and_does_not_fall() -> None:
+    slow, steep = [900.0, 850.0, 800.0, 700.0], [900.0, 850.0, 600.0, 300.0]
+    assert told(slow, 50.0) == ["", "", "", GIVEN_UP]
+    assert told(slow, 71.0) == [""] * 4  # within ten times
+    assert told(steep, 20.0) == [""] * 4  # its last two steps have more than halved it
+    assert told([900.0, 1e9, 700.0, 300.0], 20.0) == [""] * 4  # a step that is rejected is no fall, and no rise
+    assert told([*steep, 290.0], 20.0)[-1] == ""  # 300 to 290, but 600 two steps before
+    assert told([*steep, 290.0, 280.0], 20.0)[-1] == GIVEN_UP
+
+
+def test_a_start_that_has_come_to_where_another_one_was_ends() -> None:
+    enough = stop_inferior_starts(np.ones(1), 1000.0)
+    costs = [900.0, 850.0, 800.0, 700.0]
+    assert enough(costs, np.array([0.5])) == ""
+    assert enough([950.0, 850.0, 800.0, 702.0], np.array([0.51])) == ARRIVED
+    assert enough([950.0, 850.0, 800.0, 702.0], np.array([0.6])) == ""  # as good, elsewhere

@@ -1,4 +1,4 @@
-"""A diagnosis that is ended, however that is, goes on from the refits that it has kept."""
+"""A diagnosis that is ended, however that is, goes on from the scores and refits that it has kept."""
 
 from __future__ import annotations
 
@@ -10,15 +10,19 @@ import subprocess
 import sys
 import time as clock
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from heavebond.cli import main
 from heavebond.diagnosis import candidate_workers
-from heavebond.diagnosis.kept_refits import digest_of
+from heavebond.diagnosis.catalogue import single_candidates
+from heavebond.diagnosis.kept_refits import digest_of, restored_scores, scores_entry
+from heavebond.diagnosis.scoring import scored
 from heavebond.diagnosis.stage import fitted_base
 from heavebond.estimation.experiment import load_experiment
 from heavebond.language.library import bundled
@@ -31,13 +35,13 @@ CHANGED = ("seconds", "files")  # what may differ between two runs of one search
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """The answer of the whole search, for machines, and the number of its refits."""
+    """The answer of the whole search, for machines, and the number of its scores and refits."""
     with pytest.MonkeyPatch.context() as here:
         here.chdir(tmp_path_factory.mktemp("undisturbed"))
         made = counted(here)
         answer = CliRunner().invoke(main, [*COMMAND, "--processes", "1"])
         assert answer.exit_code == 0 and not KEPT.exists(), answer.output
-        return {**told(), "made": len(made)}
+        return {**told(), "made": len(made), "scored": len(made.scored)}
 
 
 def told() -> dict[str, Any]:
@@ -46,40 +50,55 @@ def told() -> dict[str, Any]:
     return {key: value for key, value in found.items() if key not in CHANGED}
 
 
-def counted(monkeypatch: pytest.MonkeyPatch, end_after: int = 0) -> list[str]:
-    """The refits that are made; SIGINT comes in the one after so many."""
-    made: list[str] = []
+class Made(list[str]):
+    """Refits that were made, and the candidates that were scored."""
 
-    def counting(name: str, plain: Callable[..., Any]) -> Callable[..., Any]:
+    def __init__(self) -> None:
+        super().__init__()
+        self.scored: list[str] = []
+
+
+def counted(monkeypatch: pytest.MonkeyPatch, end_after: int = 0) -> Made:
+    """What is made; SIGINT comes in the refit after so many."""
+    made = Made()
+
+    def counting(name: str, plain: Callable[..., Any], where: list[str]) -> Callable[..., Any]:
         def called(*given: Any) -> Any:
-            made.append(name)
+            where.append(name)
             if len(made) == end_after + 1 and end_after:
                 os.kill(os.getpid(), signal.SIGINT)
             return plain(*given)
         return called
 
-    for name in ("begun", "followed", "polished"):
-        monkeypatch.setattr(candidate_workers, name, counting(name, getattr(candidate_workers, name)))
+    for name, where in (("begun", made), ("followed", made), ("polished", made), ("scored", made.scored)):
+        monkeypatch.setattr(candidate_workers, name, counting(name, getattr(candidate_workers, name), where))
     return made
+
+
+def refits() -> list[str]:
+    """The lines of the file that are refits."""
+    return [line for line in KEPT.read_text().splitlines() if line and '"scores"' not in line]
 
 
 def test_an_ended_search_goes_on_to_the_same_answer(tmp_path: Path, undisturbed: dict[str, Any],
                                                      monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each refit is made once; a line that was cut short by the end of the process is passed over."""
+    """All is scored and refitted once; a line that was cut short by the end of the process is passed over."""
     monkeypatch.chdir(tmp_path)
     with monkeypatch.context() as first:
         made = counted(first, end_after=3)
         answer = CliRunner().invoke(main, [*COMMAND, "--processes", "1"])
     assert answer.exit_code == 0 and "with --resume goes on" in answer.output, answer.output
     assert told()["partial"] and len(made) == 4
-    lines = [line for line in KEPT.read_text().splitlines() if line]
-    assert len(lines) == 3
-    KEPT.write_text("\n".join([*lines[:2], lines[2][:50]]))
+    lines = KEPT.read_text().splitlines()
+    assert len(refits()) == 3 and lines[-1] == refits()[-1]
+    KEPT.write_text("\n".join([*lines[:-1], lines[-1][:50]]))
+    before = len(made.scored)
+    assert before > 0
     with monkeypatch.context() as second:
         made = counted(second)
         answer = CliRunner().invoke(main, [*COMMAND, "--processes", "1", "--resume"])
     assert answer.exit_code == 0 and not KEPT.exists(), answer.output
-    assert {**told(), "made": len(made) + 2} == undisturbed
+    assert {**told(), "made": len(made) + 2, "scored": len(made.scored) + before} == undisturbed
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="signals are sent by POSIX means")
@@ -89,15 +108,16 @@ def test_a_search_that_was_killed_goes_on(tmp_path: Path, undisturbed: dict[str,
     begun = subprocess.Popen([sys.executable, "-c", "from heavebond.cli import main; main()", *COMMAND, "--processes", "2"],
                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     for _ in range(6000):
-        if begun.poll() is not None or (KEPT.exists() and KEPT.read_text().count("digest") > 3):
+        if begun.poll() is not None or (KEPT.exists() and len(refits()) > 3):
             break
         clock.sleep(0.02)
     begun.kill()
     assert begun.wait() == -signal.SIGKILL and not Path("told.json").exists()
     made = counted(monkeypatch)
     answer = CliRunner().invoke(main, [*COMMAND, "--processes", "1", "--resume"])
-    assert answer.exit_code == 0 and {**told(), "made": undisturbed["made"]} == undisturbed, answer.output
-    assert len(made) <= undisturbed["made"] - 4
+    again = {name: undisturbed[name] for name in ("made", "scored")}
+    assert answer.exit_code == 0 and {**told(), **again} == undisturbed, answer.output
+    assert len(made) <= undisturbed["made"] - 4 and len(made.scored) < undisturbed["scored"]
 
 
 def test_what_was_kept_is_of_the_same_records(tmp_path: Path) -> None:
@@ -109,3 +129,19 @@ def test_what_was_kept_is_of_the_same_records(tmp_path: Path) -> None:
     lines = held_out.file.read_text().splitlines()
     held_out.file.write_text("\n".join([*lines[:-1], f"{lines[-1].rpartition(',')[0]},437500"]))
     assert digest_of(fitted_base(load_experiment(tmp_path / "rig" / "choked.yaml"))) != before
+
+
+def test_scores_are_kept_to_the_last_bit_and_not_taken_where_they_are_others() -> None:
+    base = fitted_base(load_experiment("receiver_rig/choked"))
+    candidate = next(c for c in single_candidates(base.problem.experiment) if c.kind == "choked flow")
+    made = scored(base, candidate)
+    assert any(s.told_apart for s in made)
+    kept = json.loads(json.dumps(scores_entry(candidate, made)))
+    found = restored_scores(base, candidate, kept)
+    assert found is not None
+    for one, other in zip(made, found, strict=True):
+        assert np.array_equal(one.direction, other.direction) and np.array_equal(one.step, other.step)
+        assert replace(one, direction=other.direction, step=other.step) == other
+    kept["scores"][0]["z"] *= 1.001
+    assert restored_scores(base, candidate, kept) is None
+    assert restored_scores(base, candidate, {"candidate": candidate.label}) is None

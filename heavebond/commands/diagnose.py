@@ -28,7 +28,7 @@ if TYPE_CHECKING:
               "points in time [default: all, or 5000 of more than 30000].")
 @click.option("--folder", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Where the files go; made if it does not exist [default: beside EXPERIMENT].")
-@click.option("--resume", is_flag=True, help="Go on from the refits of the same search, which was ended early.")
+@click.option("--resume", is_flag=True, help="Go on from what is kept of the same search, which was ended early.")
 @click.option("--report", "report_file", metavar="FILE", type=click.Path(path_type=Path),
               help="The report [default: NAME_report.html in the folder].")
 @scheduler_option
@@ -63,7 +63,7 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     check_writable(page, (".html",))
     kept = KeptLines.begin(targets.kept, resume)
     if resume and not kept.known:
-        terminal.warn(f"there is no refit to go on from in {targets.kept}: the search begins anew")
+        terminal.warn(f"there is nothing to go on from in {targets.kept}: the search begins anew")
     try:
         with connected(scheduler) as cluster, terminal.working("diagnosing") as progress, keeping(kept):
             found = diagnosed(given, steps=steps, number=processes, executor=cluster, seconds=budget.left(), classes=classes,

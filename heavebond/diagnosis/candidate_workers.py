@@ -17,7 +17,16 @@ from heavebond.core.packed import packed, unpacked
 from heavebond.core.parallel import Processes, as_done, check_cancelled, forks, processors
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.catalogue import Candidate
-from heavebond.diagnosis.kept_refits import digest, digest_of, entry, is_broken, kept_here, restored
+from heavebond.diagnosis.kept_refits import (
+    digest,
+    digest_of,
+    entry,
+    is_broken,
+    kept_here,
+    restored,
+    restored_scores,
+    scores_entry,
+)
 from heavebond.diagnosis.refit import Refit, begun, followed, polished
 from heavebond.diagnosis.scoring import Base, Score, scored, searched
 from heavebond.estimation.experiment import Experiment
@@ -73,8 +82,22 @@ class Workers:
             self.processes.__exit__()
 
     def score(self, candidates: Sequence[Candidate], until: float = float("inf")) -> Iterator[tuple[Candidate, list[Score]]]:
-        """The scores of each candidate, in the order in which they are done; those not begun at `until` are left out."""
-        return self._each(_scored, [(c,) for c in candidates], candidates, until, [[] for _ in candidates])
+        """The scores of each candidate, those that are kept first, the others in the order in which they are done; those
+        not begun at `until` are left out."""
+        digests = self._digests("score", candidates, [()] * len(candidates))
+        open_ = []
+        for c in candidates:
+            line = self.kept.get(digests[c.label]) if self.kept is not None else None
+            known = restored_scores(self.base, c, line) if line is not None else None
+            if known is not None:
+                yield c, known
+            else:
+                open_.append(c)
+        instead: list[list[Score]] = [[] for _ in open_]
+        for c, found in self._each(_scored, [(c,) for c in open_], open_, until, instead):
+            if self.kept is not None and c.label not in self.lost:
+                self.kept.add(digests[c.label], scores_entry(c, found))
+            yield c, found
 
     def begin(self, jobs: Sequence[tuple[Candidate, Sequence[Score]]], least: float = 0.0, until: float = float("inf")
               ) -> Iterator[tuple[Candidate, Refit | None]]:
@@ -100,14 +123,18 @@ class Workers:
         if kept is None:
             yield from self._each(_refitted, [(work, job, None) for job in jobs], candidates, until, instead)
             return
-        files = self.base.problem.experiment.model.library.files
-        digests = {c.label: digest(self.digest, what, c, files.get(c.component), job)
-                   for c, job in zip(candidates, jobs, strict=True)}
+        digests = self._digests(what, candidates, jobs)
         given = [(work, job, kept.get(digests[c.label])) for c, job in zip(candidates, jobs, strict=True)]
         for candidate, found in self._each(_refitted, given, candidates, until, instead):
             if candidate.label not in self.lost:
                 kept.add(digests[candidate.label], entry(candidate, found))
             yield candidate, found
+
+    def _digests(self, what: str, candidates: Sequence[Candidate], known: Sequence[Sequence[object]]) -> dict[str, str]:
+        """The digest of what is done for each candidate, by their labels; none where nothing is kept."""
+        files = self.base.problem.experiment.model.library.files
+        return {c.label: digest(self.digest, what, c, files.get(c.component), job)
+                for c, job in zip(candidates, known, strict=True)} if self.kept is not None else {}
 
     def _each(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]], keys: Sequence[Candidate], until: float,
               instead: Sequence[T]) -> Iterator[tuple[Candidate, T]]:

@@ -1,14 +1,15 @@
-"""Refits kept in a file as they are made, so that a search that was ended goes on from them.
+"""Scores and refits kept in a file as they are made, so that a search that was ended goes on from them.
 
-Each line of the file is one refit: where it ended, its ranges, and a digest of all that it depends on: the residuals and
-derivatives of the base model at its optimum (to the last bit), the samples of all records, the candidate with the file of
-its component, and what the search knew when the refit was made. A line whose digest is asked for again gives the same refit
-without its descents; the figures are computed anew by one run of each record. A line whose figures are not those of the run
-is left out.
+Each line of the file holds the scores of one candidate, or one refit (where it ended, its ranges), and a digest of all that
+it depends on: the residuals and derivatives of the base model at its optimum (to the last bit), the samples of all records,
+the candidate with the file of its component, and what the search knew when the refit was made. A line whose digest is asked
+for again gives the same scores, or the same refit without its descents; the figures of a refit are computed anew by one run
+of each record. A line whose figures are not those of the run, or of the directions and the residuals, is left out.
 """
 
 from __future__ import annotations
 
+import base64
 import hashlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -28,7 +29,7 @@ from heavebond.diagnosis.scoring import Base, Score
 from heavebond.estimation.residuals import Descent
 
 SAME = 1e-6  # share by which the sum of squares may differ from the kept one: that of the tolerances of the runs
-
+ROUNDING = 1e-9  # of the length of the residuals, by which a kept score may differ from that of its direction
 
 _here: ContextVar[KeptLines | None] = ContextVar("kept refits", default=None)
 
@@ -79,6 +80,28 @@ def restored(base: Base, candidate: Candidate, guesses: Sequence[Score], kept: K
         return None
 
 
+def scores_entry(candidate: Candidate, scores: Sequence[Score]) -> dict[str, Any]:
+    """What is kept of the scores of a candidate."""
+    return {"candidate": candidate.label, "scores": [
+        {"shapes": dict(s.shapes), "z": float(s.z), "amplitude": float(s.amplitude), "step": s.step.tolist(),
+         "size": float(s.size), "share": float(s.share), "along": list(s.along), "side": s.side,
+         "direction": base64.b64encode(s.direction.astype("<f8").tobytes()).decode()} for s in scores]}
+
+
+def restored_scores(base: Base, candidate: Candidate, kept: Kept) -> list[Score] | None:
+    """The scores that were kept; None where they are not those of their directions."""
+    try:
+        found = [Score(candidate, s["shapes"], s["z"], s["amplitude"], np.array(s["step"], float), s["size"], s["share"],
+                       np.frombuffer(base64.b64decode(s["direction"]), "<f8").astype(float), tuple(s["along"]), s["side"])
+                 for s in kept["scores"]]
+        room = ROUNDING * float(np.linalg.norm(base.r))
+        right = all(len(s.step) == len(base.inner) and (not s.told_apart or abs(s.direction @ base.r + s.z) <= room)
+                    for s in found)
+    except (LookupError, TypeError, ValueError, AttributeError):
+        return None
+    return found if right else None
+
+
 def digest_of(base: Base) -> str:
     """A digest of the base model at its optimum and of all records."""
     made = hashlib.sha256()
@@ -96,8 +119,8 @@ def digest_of(base: Base) -> str:
 
 
 def digest(base: str, what: str, candidate: Candidate, component: Path | None, known: Sequence[object]) -> str:
-    """The digest of one refit: of the base model (see `digest_of`), what is done, the candidate, the file of its component,
-    and what is known when it is done: sums of squares, scores, other refits."""
+    """The digest of a score or a refit: of the base model (see `digest_of`), what is done, the candidate, the file of its
+    component, and what is known when it is done: sums of squares, scores, other refits."""
     made = hashlib.sha256(f"{base} {what} {candidate!r} {_plain(known)!r}".encode())
     if component is not None and component.is_file():
         made.update(component.read_bytes())
