@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gc
+import time
 import weakref
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -193,6 +195,16 @@ def swinging() -> System:
     return System(x, ode, p, z=z, alg=z - 0.5 * ca.exp(-z * x[0] ** 2), signals=signals)
 
 
+def compile_to_the_end(equations: Equations) -> None:
+    """As after runs that took long enough, and further ones until the compiler is ready."""
+    equations.spent(10**12, False)
+    assert equations.compilation is not None
+    end = time.monotonic() + 60
+    while equations.compilation.busy and time.monotonic() < end:
+        equations.spent(0, False)
+        time.sleep(0.01)
+
+
 def test_machine_code_gives_the_same_bits() -> None:
     """Compiled after the first run that took long enough; states, algebraic unknowns, signals and their sensitivities."""
     equations = swinging().equations(0, 1)
@@ -202,13 +214,36 @@ def test_machine_code_gives_the_same_bits() -> None:
         return [run(own, [1.0, 0.0], [0.2, 0.3], [0.4]) for own in runs]
 
     before = found()
-    assert runs[0].stats()["equations"] == "list of operations" and not equations.compiled
+    assert runs[0].stats()["equations"] == "list of operations" and equations.compilation is None
     equations.spent(10**12, False)
+    while_compiled = found()
+    compile_to_the_end(equations)
     after = found()
     assert runs[1].stats()["equations"] == "machine code"
-    for one, other in zip(before, after, strict=True):
+    for one, *others in zip(before, while_compiled, after, strict=True):
         for name in ("x", "z", "signals"):
-            assert np.array_equal(getattr(one, name), getattr(other, name)), name
+            assert all(np.array_equal(getattr(one, name), getattr(other, name)) for other in others), name
+
+
+def test_runs_go_on_while_equations_are_compiled(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A compiler that hangs, or fails, holds up nothing, and is ended with the equations; its folder is deleted."""
+    command = tmp_path / "slow"
+    command.write_text("#!/bin/sh\nexec sleep 600\n", encoding="utf-8")
+    command.chmod(0o755)
+    monkeypatch.setattr("heavebond.numerics.compiled_cvodes.compiler", lambda: str(command))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    equations = swinging().equations(0, 1)
+    own = CompiledCvodes(equations, 2, STOPS, TOLERANCES, 1000)
+    equations.spent(10**12, False)
+    assert equations.compilation is not None
+    process = equations.compilation._process
+    assert process is not None and list(tmp_path.glob("heavebond_*"))
+    run(own, [1.0, 0.0], [0.2, 0.3], [0.4])
+    assert process.poll() is None and own.stats()["equations"] == "list of operations"
+    process.kill()
+    compile_to_the_end(equations)
+    run(own, [1.0, 0.0], [0.2, 0.3], [0.4])
+    assert own.stats()["equations"] == "list of operations" and not list(tmp_path.glob("heavebond_*"))
 
 
 def test_without_a_compiler_the_list_of_operations_remains(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from pathlib import Path
 
 import browser
+import numpy as np
 import pytest
 from studio_pages import Server, server, tab
 
@@ -257,3 +259,43 @@ def test_keys_are_listed_and_borders_moved_by_keyboard(tab: browser.Tab, server:
         tab.key("Home", code=36)
         assert tab.run(wide) == pytest.approx(before, abs=1)
     assert tab.complaints == []
+
+
+@pytest.mark.slow
+def test_the_compensator_follows_a_slider_ten_times_a_second(tab: browser.Tab, server: Server) -> None:
+    """At any moment the run that is shown belongs to where the slider stood at most 0.2 s before. `pytest -s` prints the
+    figures, with the charts drawn; they need a machine that does nothing else."""
+    tab.go("about:blank")
+    tab.go(f"{server.address}#bundled:cmc_ahc")
+    tab.wait("Boolean(window.studio?.view?.runs)", 60)
+    tab.click("#run")
+    tab.wait("Boolean(studio.runs.live && !studio.runs.busy)", 60)
+    tab.run("studio.pick('part', 'controller')")
+    x, y = tab.middle("[id='s-controller.K_p']")
+    tab.run("""(() => {
+        const { runs } = studio, made = runs.made.bind(runs), slide = runs.slide.bind(runs), set = {};
+        window.shown = [];
+        window.frames = [];
+        runs.slide = (path, value) => { set[value] = performance.now(); slide(path, value); };
+        runs.made = (told, values) => {
+            requestAnimationFrame(() => shown.push([set[values["controller.K_p"]], performance.now()]));
+            return made(told, values);
+        };
+        (function next(t) { frames.push(t); requestAnimationFrame(next); })(performance.now());
+    })()""")
+    tab.mouse("Pressed", x, y, button="left", clickCount=1)
+    tab.run("frames.length = 0")
+    begun = time.monotonic()
+    while (passed := time.monotonic() - begun) < 8:
+        tab.mouse("Moved", x + 60 * math.sin(3 * passed), y, button="left")
+        time.sleep(0.01)
+    shown, frames = np.array(tab.run("shown")), np.array(tab.run("frames"))
+    tab.mouse("Released", x, y, button="left", clickCount=1)
+    tab.wait("!studio.runs.live.preview && !studio.runs.busy", 60)
+    rate, smooth = ((len(times) - 1) / np.ptp(times) * 1e3 for times in (shown[:, 1], frames))
+    lag = shown[:, 1] - shown[:, 0]  # ms from where the slider stood to its run
+    behind = shown[1:, 1] - shown[:-1, 0]  # the same as the next run takes its place
+    print(f"\n{rate:.1f} runs/s, {smooth:.0f} frames/s; runs shown after {np.median(lag):.0f} ms, at worst {lag.max():.0f}; "
+          f"behind the slider by {np.median(behind):.0f} ms, at worst {behind.max():.0f}")
+    assert rate >= 10
+    assert behind.max() <= 200

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from diagrams import ISOLATOR
+from test_compiled_cvodes import compile_to_the_end
 
 import heavebond as hb
 from heavebond.cli import main
@@ -189,7 +190,7 @@ def test_cases_that_share_their_equations(folder: Path, monkeypatch: pytest.Monk
     found = [worked(study, k, None) for k in range(24)]
     shared = shared_runs._KNOWN.shared[-1]
     assert shared.runs is not None and shared.runs.simulator.equations is not None
-    shared.runs.simulator.equations.spent(10**12, False)
+    compile_to_the_end(shared.runs.simulator.equations)
     again = {k: worked(study, k, None) for k in reversed(range(24))}
     sent = worked(study.packed()(17), 17, None)
     assert sent.values == found[17].values and shared_runs._KNOWN.shared[-1] is not shared

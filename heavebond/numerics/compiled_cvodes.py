@@ -7,8 +7,8 @@ of the CasADi function. The program is the same for all models: a process compil
 is deleted as soon as the library is loaded; nothing compiled is read back from disk.
 
 Once compiled equations would have saved as much time in the runs of one model as compiling takes, they are compiled as well,
-in the same manner: a run, most of which is the integrator's own work, then takes 5 to 25 % less. The operations and their
-order are the same, and so are the results, to the last bit.
+in the same manner, while further runs go on with the list: a run, most of which is the integrator's own work, then takes 5
+to 25 % less. The operations and their order are the same, and so are the results, to the last bit.
 
 It serves on Linux where a C compiler is present and CasADi brings the SUNDIALS that the program was written for; everywhere
 else searches integrate through CasADi, by the same method with the same tolerances.
@@ -16,15 +16,19 @@ else searches integrate through CasADi, by the same method with the same toleran
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
+import shutil
 import subprocess
 import sys
 import tempfile
+import time as clock
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import casadi as ca
@@ -119,7 +123,9 @@ class Equations:
         arguments = [*given[:3], constants, given[4]]
         self.expressions = stack(arguments), (stacked[:self.n], stacked[:ends[1]], stacked[ends[1]:])
         self.functions: tuple[_Listed | _Machine, ...] = tuple(_tape(arguments, wanted) for wanted in self.expressions[1])
-        self.seconds, self.compiled = 0.0, False  # that compiled code would have saved
+        self.seconds = 0.0  # that compiled code would have saved
+        self.compilation: _Compilation | None = None
+        self._turn = Lock()
         self.patterns = [tuple(np.array(k, np.int32) for k in of.sparsity().get_triplet()) for of in (slopes, signal_slopes)]
 
     def structures(self, slots: Sequence[Array]) -> tuple[_Tape, ...]:
@@ -138,12 +144,13 @@ class Equations:
         """Note the evaluations of a run, of f alone or with `derivatives`; once there were enough, the functions are
         compiled: when these evaluations, compiled, would have saved as much time as compiling takes."""
         right, full, _ = self.functions
-        self.seconds += COMPILING.seconds_saved * evaluations * (full if derivatives else right).length
-        operations = sum(function.length for function in self.functions)
-        if self.compiled or not worthwhile(self.seconds, operations):
-            return
-        self.compiled = True  # also where it fails: it is tried once
-        self.functions = _machine(*self.expressions) or self.functions
+        with self._turn:
+            self.seconds += COMPILING.seconds_saved * evaluations * (full if derivatives else right).length
+            if self.compilation is None:
+                if worthwhile(self.seconds, sum(function.length for function in self.functions)):
+                    self.compilation = _Compilation(*self.expressions)
+            elif made := self.compilation.functions():
+                self.functions = made
 
 
 class NotCompiled(Exception):
@@ -293,26 +300,50 @@ class _Machine:
         return _Tape(0, len(self.out), 0, None, _address(self.out), _address(slots), self.pointer, self.first)
 
 
-def _machine(given: ca.SX, wanted: Sequence[ca.SX]) -> tuple[_Machine, ...] | None:
-    """Functions of one column as machine code, with the same operations in the same floating-point arithmetic; None where
-    the compiler fails."""
-    generator = ca.CodeGenerator("equations.c")
-    for k, expression in enumerate(wanted):
-        generator.add(ca.Function(f"equations_{k}", [given], [ca.densify(expression)]))
-    command = compiler()
-    if command is None:
-        return None
-    with tempfile.TemporaryDirectory(prefix="heavebond_", ignore_cleanup_errors=True) as folder:
-        source, target = Path(folder) / "equations.c", Path(folder) / "equations.so"
+class _Compilation:
+    """A compiler at work on functions of one column, with the same operations in the same floating-point arithmetic. It ends
+    with this object, at the latest with the process."""
+
+    def __init__(self, given: ca.SX, wanted: Sequence[ca.SX]):
+        generator = ca.CodeGenerator("equations.c")
+        for k, expression in enumerate(wanted):
+            generator.add(ca.Function(f"equations_{k}", [given], [ca.densify(expression)]))
+        self._sizes, self._until = [(given.numel(), of.numel()) for of in wanted], clock.monotonic() + COMPILING.timeout
+        self._process: subprocess.Popen[bytes] | None = None
+        if (command := compiler()) is None:
+            return
+        folder = tempfile.mkdtemp(prefix="heavebond_")
+        source, self._target = Path(folder) / "equations.c", Path(folder) / "equations.so"
         source.write_text(generator.dump(), encoding="utf-8")
-        try:
-            subprocess.run([command, *EQUATION_FLAGS, "-o", str(target), str(source), "-lm"], check=True,
-                           capture_output=True, timeout=COMPILING.timeout)
-            library = ctypes.CDLL(str(target))
-        except (OSError, subprocess.SubprocessError):
+        self._process = subprocess.Popen([command, *EQUATION_FLAGS, "-o", str(self._target), str(source), "-lm"],
+                                         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self._end = weakref.finalize(self, _end_compiler, self._process, folder)
+
+    @property
+    def busy(self) -> bool:
+        """Whether the functions are still to be had."""
+        return self._process is not None
+
+    def functions(self) -> tuple[_Machine, ...] | None:
+        """The functions as machine code, once; None while they are compiled, thereafter, and where the compiler fails."""
+        if self._process is None:
             return None
-    return tuple(_Machine(library, f"equations_{k}", given.numel(), expression.numel())
-                 for k, expression in enumerate(wanted))
+        answer, library = self._process.poll(), None
+        if answer is None and clock.monotonic() < self._until:
+            return None
+        if answer == 0:
+            with contextlib.suppress(OSError):
+                library = ctypes.CDLL(str(self._target))
+        self._end()
+        self._process = None
+        return None if library is None else tuple(_Machine(library, f"equations_{k}", *sizes)
+                                                  for k, sizes in enumerate(self._sizes))
+
+
+def _end_compiler(process: subprocess.Popen[bytes], folder: str) -> None:
+    process.kill()
+    process.wait()
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def _tape(given: Sequence[ca.SX], wanted: ca.SX) -> _Listed:

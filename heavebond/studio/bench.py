@@ -215,28 +215,31 @@ class Bench:
         self._results.move_to_end(which)
         return self._results[which]
 
-    def prepare(self, job: Job) -> tuple[Entry, Array]:
-        """Build what sliders run with, which may take a second (a program is compiled)."""
+    def prepare(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
+        """Build what sliders run with and show these signals with, which may take a second (a program is compiled)."""
+        self._previewer(job, names)
+        return {}, np.zeros((0, 0))
+
+    def _previewer(self, job: Job, names: Sequence[str]) -> tuple[QuickSimulator, Probe]:
         key, assembly = self._assembly(job)
         if self._quick is None or self._quick[0] != key:
             self._quick = (key, QuickSimulator(assembly, tolerances=PREVIEWED))
-        return {}, np.zeros((0, 0))
+        which = (key, tuple(names))
+        if self._probe is None or self._probe[0] != which:
+            self._probe = (which, Probe(assembly, names))
+        return self._quick[1], self._probe[1]
 
     def preview(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
         """A run while a slider moves: the same equations with other numbers, by the integrator of searches, which does not
         look for the reason where it fails, with tolerances for the eye."""
-        self.prepare(job)
-        assert self._quick is not None
         names = list(dict.fromkeys(names))
-        which = (self._quick[0], tuple(names))
-        if self._probe is None or self._probe[0] != which:
-            self._probe = (which, Probe(self._quick[1].assembly, names))
+        quick, probe = self._previewer(job, names)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            result = self._quick[1].run(dict(job.values))
+            result = quick.run(dict(job.values))
         told: Entry = {"verdict": {"status": "clean", "text": ""}, "signals": names,
                        "units": {name: result.unit(name) for name in names}}
-        return told, np.vstack([result.time, *(self._probe[1].values(result) if names else [])])
+        return told, np.vstack([result.time, *(probe.values(result) if names else [])])
 
     def animation(self, job: Job) -> tuple[Entry, Array]:
         """What moves on the drawing along a run."""

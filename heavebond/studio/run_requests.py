@@ -38,7 +38,7 @@ async def _component(tab: Tab, message: dict[str, Any]) -> Answer:
 
 async def _run(tab: Tab, message: dict[str, Any]) -> Answer:
     job, task = tab.job(message), str(message["do"])
-    given = () if task in ("prepare", "animation", "modes", "film") else ([str(name) for name in message.get("names", ())],)
+    given = () if task in ("animation", "modes", "film") else ([str(name) for name in message.get("names", ())],)
     ask = tab.runner.ask_newest if task in ("run", "preview") else tab.runner.ask
     return await ask(task, job, *given)
 

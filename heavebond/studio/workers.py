@@ -111,7 +111,7 @@ def work(pipe: Connection) -> None:
         except HeavebondError as error:
             answer = ("problems", list(error.problems), None)
         except RuntimeError as error:  # the integrator of searches gives no reason
-            answer = ("failed", {}, None) if task == "preview" else ("problems", [fault(error)], None)
+            answer = ("failed", {}, None) if task in ("preview", "prepare") else ("problems", [fault(error)], None)
         except Exception as error:
             answer = ("problems", [fault(error)], None)
         try:

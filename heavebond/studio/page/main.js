@@ -93,7 +93,6 @@ class Studio {
       if (mod && event.key === "Enter") { event.preventDefault(); void this.runs.run(); }
       if (event.altKey && event.key === "t") { event.preventDefault(); this.toggleText(); }
       if (event.altKey && event.key === "ArrowUp" && this.trail.length && !this.typing(event.target)) { event.preventDefault(); void this.goBack(); }
-      if (event.altKey && event.key === "ArrowUp" && this.trail.length && !this.typing(event.target)) { event.preventDefault(); void this.goBack(); }
       if (event.altKey && event.key === "h") { event.preventDefault(); void this.home(); }
       if (event.altKey && event.key === "l" && this.document) { event.preventDefault(); this.palette.toggle(); }
       if (event.key === "/" && !mod && !event.altKey && this.edits.possible && !this.typing(event.target) && !document.querySelector("dialog[open]")) { event.preventDefault(); this.palette.toggle(true); }
@@ -170,6 +169,7 @@ class Studio {
     this.file.marks();
     this.file.offerDraft();
     await this.check(true);
+    if (this.view?.runs) this.runs.prepare(); // the first run finds the equations ready, and sliders follow at once
     if (this.edits.possible && this.view?.parts && !this.view.svg) this.palette.toggle(true);
   }
 

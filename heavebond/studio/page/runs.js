@@ -4,6 +4,8 @@ import { byId, el, unitLabel } from "./dom.js";
 import { DASHES, Plots } from "./plots.js";
 import { problemList } from "./results.js";
 
+const QUICK = 2000; // ms of a run up to which sliders are made ready behind it; slower ones cannot follow the mouse
+
 export class Runs {
   /** @type {Record<string, string>} */ values = {}; // of the sliders
   /** @type {string[]} */ plotted = [];
@@ -62,7 +64,7 @@ export class Runs {
     const text = this.studio.editor.text;
     if (this.prepared === text || this.studio.evidence.active) return;
     this.prepared = text;
-    void this.studio.link.ask("prepare", { name: this.studio.document.name, text }).catch(() => { this.prepared = undefined; });
+    void this.studio.link.ask("prepare", this.question({})).catch(() => { this.prepared = undefined; });
   }
 
   /** While a slider moves: one run at a time, and always of the newest value. @param {string} path @param {string} value */
@@ -143,6 +145,7 @@ export class Runs {
       this.live = this.made(told, values);
       this.studio.banner([]);
       this.studio.say(`${told.points} points in ${((performance.now() - began) / 1000).toFixed(1)} s, solver ${told.solver}`);
+      if (performance.now() - began < QUICK) this.prepare();
       await this.complete();
       return true;
     } catch (error) {
