@@ -155,3 +155,34 @@ def test_computed_global_quantities_with_units(tmp_path: Path) -> None:
     parts = block("Outer", "signal out y", leaf, "Leaf\\y -> y").replace(" type Submodel", f" {relations} type Submodel", 1)
     run = imported(tmp_path, parts, "", 1.0)
     assert run["Outer.Leaf.y"][-1] == pytest.approx(14000e5 * np.pi / 4 * 0.04**2)
+
+
+def test_discrete_signals_keep_their_values_between_samples(tmp_path: Path) -> None:
+    """A controller without `hold`, whose output passes a gain into the plant y' = u - y; a counter in `code` behind it that
+    counts samples and reads what it will assign; plotted variables are those of the last sample."""
+    parts = (part("Control", "signal in want; signal in is; signal out u; signal out before", "variables\n real s, i;\n"
+                  "equations\n s = want - sample (is);\n i = dint (s);\n u = 2 * s + i;\n before = previous (s);")
+             + part("Half", "signal in u; signal out y", "equations\n y = 0.5 * u;")
+             + part("Count", "signal in u; signal out n; signal out late", "variables\n real on;\ninitialequations\n"
+                    " n = 10;\ncode\n late = on;\n if u > 0.9 then on = 1; end;\n if u < 0.85 then on = 0; end;\n n = n + on;")
+             + part("Step", "signal out y", "equations\n y = step (0.2);")
+             + part("Plant", "signal in u; signal out y", "equations\n y = int (u - y);"))
+    plotted = ("Control\\s", "Control\\before", "Count\\n", "Count\\late")
+    curves = "".join(f"<Curve><YCurveData><VarName>{name}</VarName></YCurveData></Curve>" for name in plotted)
+    run = imported(tmp_path, parts, "Step\\y -> Control\\want; Plant\\y -> Control\\is; Control\\u -> Half\\u; "
+                   "Half\\y -> Plant\\u; Half\\y -> Count\\u", 2.0, f"<S><SampleTime>0.1</SampleTime></S>{curves}")
+    y, i, s, n, on, rows = 0.0, 0.0, 0.0, 10, 0, []
+    for k in range(21):
+        before, late, s = s, on, (k >= 2) - y
+        u = 0.5 * (2 * s + i)
+        i += 0.1 * s
+        on = 1 if u > 0.9 else 0 if u < 0.85 else on
+        n += on
+        rows.append((y, u, s, before, n, late))
+        y = u + (y - u) * np.exp(-0.1)
+    k = np.minimum((run.time / 0.1 + 1e-9).astype(int), 20)
+    began, u, *kept = np.array(rows).T[:, k]
+    assert run["Plant.y"] == pytest.approx(u + (began - u) * np.exp(-(run.time - 0.1 * k)), abs=1e-6)
+    for name, values in zip(plotted, kept, strict=True):
+        assert run.display[name.replace("\\", "_")] == pytest.approx(values, abs=1e-6), name
+    assert n == 15

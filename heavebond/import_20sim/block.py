@@ -6,12 +6,15 @@ import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
+from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.emx_file import EmxFile
 from heavebond.import_20sim.equations import Builder
 from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.expressions_parser import Unreadable
-from heavebond.import_20sim.names import camel, identifier
+from heavebond.import_20sim.memory import Memory
+from heavebond.import_20sim.names import camel, identifier, labels
+from heavebond.import_20sim.sampling import Sampling
 from heavebond.import_20sim.sidops_tree import Assign, Connection, Do, Expr, Port, Submodel
 
 GENERIC = {"Submodel", "SubmodelEquation", "SubmodelGraphical", "Mainmodel", "SubmodelTryout"}
@@ -111,8 +114,8 @@ class Nets:
 class Translator:
     """The tree of submodels of one model as components and blocks."""
 
-    def __init__(self, emx: EmxFile, comments: Mapping[int, str], library: frozenset[str]):
-        self.emx, self.comments, self.library = emx, comments, library
+    def __init__(self, emx: EmxFile, comments: Mapping[int, str], library: frozenset[str], sampling: Sampling):
+        self.emx, self.comments, self.library, self.sampling = emx, comments, library, sampling
         self.components: list[tuple[str, Component]] = []  # by dotted path of the new diagram
         self.blocks: list[tuple[str, Block]] = []
         self.scopes: list[dict[str, str]] = []  # global relations of the submodels around: name to name in the diagram
@@ -164,8 +167,11 @@ class Translator:
         computed = self._relations(submodel, old, new)
         prefix = f"{old}\\" if old else ""
         texts = {name[len(prefix):]: text for name, text in self.emx.texts.items() if name.startswith(prefix)}
-        builder = Builder(submodel, self.comments, ends, self._known(), texts, self.emx.path.parent)
+        builder = Builder(submodel, self.comments, ends, self._known(), texts, self.emx.path.parent,
+                          id(submodel) in self.sampling.discrete, self.sampling.held.get(id(submodel), ()))
         made = builder.build()
+        if id(submodel) in self.sampling.discrete and not made.untranslated:
+            self._show_samples(made, builder.memory, prefix)
         if computed is not None:
             made.untranslated.append((submodel.line, "its global relations compute something; only those of a submodel of "
                                       "submodels may"))
@@ -179,6 +185,14 @@ class Translator:
         self.scopes.pop()
         self.components.append((new, made))
         return made
+
+    def _show_samples(self, made: Component, memory: Memory, prefix: str) -> None:
+        """Plotted variables of a discrete submodel keep their values between the samples."""
+        for plotted in (label for name in self.emx.plotted for label in labels(name)):
+            name = plotted[len(prefix):]
+            item = made.items.get(name) if plotted.startswith(prefix) else None
+            if item is not None and item.kind in ("variable", "out", "held") and name not in made.shown:
+                made.shown[name] = memory.at_samples(f.name(name))
 
     def finish(self) -> None:
         """Set the initial values, when all global quantities are known that are known before the run."""

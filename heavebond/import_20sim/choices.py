@@ -166,6 +166,19 @@ def renamed(expr: Expr, old: str, new: Expr) -> Expr:
     return rebuilt(expr, lambda e: renamed(e, old, new)) if expr.args else expr
 
 
+def former(expr: Expr) -> list[str]:
+    """The variables whose former value is in an expression."""
+    return [expr.name] if expr.op == "prev" else [n for e in expr.args for n in former(e)]
+
+
+@lru_cache(maxsize=100_000)
+def renamed_former(expr: Expr, old: str, new: Expr) -> Expr:
+    """An expression with `new` in place of the former value of a variable."""
+    if expr.op == "prev" and expr.name == old:
+        return new
+    return rebuilt(expr, lambda e: renamed_former(e, old, new)) if expr.args else expr
+
+
 @lru_cache(maxsize=100_000)
 def leaves(expr: Expr, held: Expr) -> tuple[tuple[Expr, Expr], ...]:
     """The conditions and values of a nested choice, without the branches that keep the value."""

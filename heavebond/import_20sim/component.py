@@ -54,6 +54,7 @@ class Component:
     untranslated: list[tuple[int, str]] = field(default_factory=list)
     omitted: list[tuple[int, str]] = field(default_factory=list)
     elements: dict[str, list[str]] = field(default_factory=dict)  # of each port of the submodel
+    shown: dict[str, str] = field(default_factory=dict)  # of plotted discrete variables: what they were at the last sample
     delay: tuple[Expr, str, str] | None = None  # the last one of a quantity by another: its result and both names
     tables: dict[str, Table] = field(default_factory=dict)  # by the beginning of the names of their lists
 

@@ -13,11 +13,13 @@ from heavebond.import_20sim.assignments import EVENTS, assigned, assigned_again,
 from heavebond.import_20sim.choices import (
     at_event,
     at_start,
+    former,
     keeps,
     leaves,
     names,
     rebuilt,
     renamed,
+    renamed_former,
     simplified,
     triggers,
 )
@@ -38,12 +40,14 @@ NO_EFFECT = {"warning", "stopsimulation", "effortincausality", "flowincausality"
 
 class Builder(Execution):
     """The component of one submodel; `comments` by line, `ends` the connections of a knot's ports (name, direction), `known`
-    the values of global quantities."""
+    the values of global quantities, `discrete` whether its statements act at samples, `held` its inputs that come from
+    discrete submodels."""
 
     def __init__(self, submodel: Submodel, comments: Mapping[int, str], ends: Iterable[tuple[str, str, str]] = (),
                  known: Mapping[str, float] = MappingProxyType({}), texts: Mapping[str, str] = MappingProxyType({}),
-                 folder: Path | None = None):
+                 folder: Path | None = None, discrete: bool = False, held: Iterable[str] = ()):
         super().__init__()
+        self.discrete, self.held_inputs = discrete, held
         self.submodel, self.comments = submodel, comments
         self.made = Component(camel(submodel.type or submodel.name), "")
         self.memory = Memory(self.made)
@@ -62,6 +66,7 @@ class Builder(Execution):
         made = self.made
         made.untranslated += [*self.submodel.problems, *self.source.problems]
         self.symbols.declare()
+        self._hold_inputs()
         try:
             self._equations()
         except Unreadable as problem:
@@ -73,6 +78,14 @@ class Builder(Execution):
         else:
             split_deep(made)
         return made
+
+    def _hold_inputs(self) -> None:
+        """What comes from a discrete submodel keeps its value between the samples."""
+        for port in self.held_inputs:
+            for label in [name for name, _ in self.symbols.many.get(port, [(identifier(port), True)])]:
+                given = self.symbols.names.get(label) or self.symbols.names.get(port, [])
+                self.symbols.names[label if label in self.symbols.names else port] = [
+                    [f.name(self.memory.at_samples(e)) for e in row] for row in given]
 
     # -- statements --------------------------------------------------------------------------------------------------
     def _equations(self) -> None:
@@ -101,6 +114,10 @@ class Builder(Execution):
         env: Env = dict(self.triggers)
         final: Env = {}
         statements = self.source.code
+        if self.discrete:  # what is read before it is assigned is that of the last sample
+            written = [base for s in statements for base in assigned(s)]
+            elements = [e for base in written for row in self.symbols.names.get(base, []) for e in row]
+            env |= {e.name: Expr("prev", name=e.name) for e in elements if e.name in self.made.items}
         later: list[set[str]] = [set()]
         for statement in reversed(statements):
             later.append(later[-1] | set(assigned(statement)))
@@ -238,13 +255,14 @@ class Builder(Execution):
             return
         values = [e for row in self.evaluate(right) for e in row]
         elements = [e for row in target for e in row]
-        self.memory.sample_time()
+        begins = [e for row in first for e in row]
+        starts = {e.name: begins[k] if len(begins) > 1 else begins[0] for k, e in enumerate(elements)}
         for e, value in zip(elements, values if len(values) == len(elements) else values * len(elements), strict=False):
             item = self.made.items.get(e.name)
             if item is None or item.kind != "variable":
                 raise Unreadable(left.line, "`next` sets variables only")
             item.kind, item.value = "held", 0.0
-            self.made.first[e.name] = first[0][0]
+            self.made.first[e.name] = starts[e.name]
             self.memory.sampled({e.name: value})
 
     def _initial(self, target: Matrix, values: Matrix) -> None:
@@ -300,6 +318,8 @@ class Builder(Execution):
             raise Unreadable(self.submodel.line, f"'{name}' is assigned in several places")
         written.add(name)
         item = self.made.items.get(name)
+        if self.discrete and item is not None and item.kind in ("variable", "out"):
+            value = self._of_last_sample(name, value, start)
         between = at_event(value, None)
         if item is None and name in self.targets and not keeps(value, name):
             self.made.equations.append((self.targets[name], between, ""))
@@ -321,6 +341,16 @@ class Builder(Execution):
             self.made.omitted.append((self.submodel.line, f"'{name}' depends on the value that it had before; it is set "
                                       "only at the instants at which the conditions of its branches become true"))
         self._held(name, item, value, start.get(name, f.number(0)))
+
+    def _of_last_sample(self, name: str, value: Expr, start: Env) -> Expr:
+        """A value in which what variables were before, itself among them, is what they were at the last sample."""
+        before = dict.fromkeys(n for n in former(value) if n in self.made.items)
+        if keeps(value, name):
+            before[name] = None
+        for n in before:
+            kept = self.memory.at_samples(f.name(n), start.get(n, f.number(0)))
+            value = renamed(value, n, f.name(kept)) if n == name else renamed_former(value, n, f.name(kept))
+        return value
 
     def _follows(self, name: str, item: Item, value: Expr, found: Iterable[tuple[Expr, Expr]], first: Expr) -> None:
         """A variable that follows an expression while a branch assigns it, and keeps its last value where none does."""

@@ -16,6 +16,7 @@ from heavebond.import_20sim.evaluate import MEMBERS, fold
 from heavebond.import_20sim.memory import SAMPLE_TIME
 from heavebond.import_20sim.names import identifier, labels, snake
 from heavebond.import_20sim.recognition import Match, recognised
+from heavebond.import_20sim.sampling import sampling
 from heavebond.import_20sim.sidops_lexer import tokenise
 from heavebond.import_20sim.sidops_parser import parse_sidops
 from heavebond.import_20sim.sidops_tree import Submodel
@@ -75,7 +76,8 @@ def import_emx(path: Path, library: frozenset[str] = frozenset()) -> Imported:
     if root.ports:  # the inputs and outputs of the whole model: they belong to a part
         root.name = path.stem
         root = Submodel("model", root.line, submodels=[root])
-    translator = Translator(emx, tokenise(emx.sidops, path.name, emx.first_line).comments, library)
+    comments = tokenise(emx.sidops, path.name, emx.first_line).comments
+    translator = Translator(emx, comments, library, sampling(root))
     top = translator.block(root, "", "")
     translator.finish()
     return _Writer(emx, translator, top, library).imported()
@@ -293,6 +295,8 @@ class _Writer:
             items.update({f"{path}.{name}" if path else name: item for name, item in own.items() if item.kind != "bond"})
             if (match := self.matches.get(id(made))) is not None:
                 renamed.update({f"{path}.{a}": f"{path}.{b}" for a, b in match.ports.items()})
+            elif isinstance(made, Component):
+                renamed.update({f"{path}.{a}": f"{path}.{b}" for a, b in made.shown.items()})
         bonds = {f"{path}.{name}": item for path, made in self.translator.components for name, item in made.items.items()
                  if item.kind == "bond"}
         names: dict[str, str] = {}

@@ -18,6 +18,7 @@ from heavebond.import_20sim.sidops_tree import Expr
 
 SAMPLE_TIME = "sampletime"
 SAMPLE = "sample"  # the event at every sample
+SAMPLED = "sampled"  # ending of the names of what a value was at the last sample
 DELAYED = "state of the delay"
 PAIRS = 3  # of states in a delay, as in the library's Delay
 
@@ -132,22 +133,27 @@ class Memory:
         period = self.sample_time()
         if kind == "sample":
             return value
-        ending = {"hold": "hold", "previous": "previous", "dint": "dint", "ddif": "previous"}[kind]
-        kept = f.name(self._remembered(ending, value, value if final is None or kind in ("hold", "dint") else final, first))
-        return Expr("/", (Expr("-", (value, kept)), period)) if kind == "ddif" else kept
+        if kind == "dint":
+            said = "sum of the samples before times the sample time"
+            kept = f.name(self.made.hold(self._name(value, "dint"), "", said, first))
+            self.sampled({kept.name: f.add(kept, f.multiply(period, value))})
+            return kept
+        if kind == "hold":
+            name = self.made.hold(self._name(value, "hold"), "", "held between the samples", first)
+            self.sampled({name: value})
+            return f.name(name)
+        kept = f.name(self.at_samples(value if final is None else final, first))
+        return kept if kind == "previous" else Expr("/", (Expr("-", (value, kept)), period))
 
-    def _remembered(self, ending: str, value: Expr, after: Expr, first: Expr) -> str:
-        """A held variable that takes a value at every sample; the same one for the same value."""
-        said = {"hold": "held since the last sample", "previous": "value at the last sample",
-                "dint": "sum of the samples before times the sample time"}[ending]
+    def at_samples(self, value: Expr, first: Expr | None = None) -> str:
+        """A held variable that is what a value was at the last sample, with its first value."""
         event = self.made.events.get(SAMPLE)
-        for name, old in event.then.items() if event is not None and ending == "previous" else ():
-            if old == after and self.made.first[name] == first and self.made.items[name].doc == said:
+        for name, old in event.then.items() if event is not None else ():
+            if old == value and name.endswith(SAMPLED) and first in (None, self.made.first[name]):
                 return name
-        name = self.made.hold(self._name(after, ending), "", said, first)
-        if ending == "dint":
-            after = f.add(f.name(name), f.multiply(self.sample_time(), value))
-        self.sampled({name: after})
+        said = f"{f.text(value)} at the last sample" if value.op == "name" else "value at the last sample"
+        name = self.made.hold(self._name(value, SAMPLED), "", said, f.number(0) if first is None else first)
+        self.sampled({name: value})
         return name
 
     def sampled(self, then: dict[str, Expr]) -> None:

@@ -1,0 +1,145 @@
+"""Which submodels of a 20-sim model are discrete, and which of their signals enter continuous parts.
+
+Discrete equations act at the samples only. A submodel is discrete where it calls `sample`, `previous`, `next`, `dint` or
+`ddif`, or computes from discrete signals alone. Between the samples its signals keep their values: a continuous submodel
+that takes one takes what it was at the last sample, with or without a `hold`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+from heavebond.import_20sim.assignments import calls
+from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, For, If, Statement, Submodel, While
+
+DISCRETE = {"sample", "previous", "next", "dint", "ddif"}
+CONTINUOUS = {"int", "ddt", "resint", "limint", "tdelay", "dly", "event", "eventup", "eventdown", "timeevent",
+              "frequencyevent"}
+End = tuple[int, str]  # a submodel by its identity, and its port
+
+
+@dataclass
+class Sampling:
+    """The discrete submodels by their identity, and of continuous ones the inputs that are held between samples."""
+
+    discrete: set[int] = field(default_factory=set)
+    held: dict[int, set[str]] = field(default_factory=dict)
+
+
+def _expressions(statements: Iterable[Statement]) -> Iterator[Expr]:
+    for s in statements:
+        if isinstance(s, Assign):
+            yield from (s.left, s.right)
+        elif isinstance(s, Do):
+            yield s.call
+        elif isinstance(s, If):
+            yield s.condition
+            yield from _expressions((*s.then, *s.otherwise))
+        elif isinstance(s, While):
+            yield s.condition
+            yield from _expressions(s.body)
+        elif isinstance(s, For):
+            yield from _expressions(s.body)
+
+
+class _Graph:
+    """Submodels of equations, and where the signals of their inputs come from."""
+
+    def __init__(self, root: Submodel):
+        self.leaves: dict[int, Submodel] = {}
+        self.feeds: dict[End, list[End]] = {}
+        self._enter(root)
+        self.calls = {k: self._called(leaf) for k, leaf in self.leaves.items()}
+
+    def _enter(self, block: Submodel) -> None:
+        parts = {part.name: part for part in block.submodels}
+        if block.equations is not None:
+            self.leaves[id(block)] = block
+        for connection in block.connections:
+            if connection.bond:
+                continue
+            start, stop = ((id(parts.get(name, block)), port) for name, _, port in
+                           (end.rpartition("\\") for end in (connection.start, connection.stop)))
+            self.feeds.setdefault(stop, []).append(start)
+        for part in block.submodels:
+            self._enter(part)
+
+    @staticmethod
+    def _called(leaf: Submodel) -> set[str]:
+        assert leaf.equations is not None
+        statements = (*leaf.equations.equations, *leaf.equations.code)
+        return {name.lower() for e in _expressions(statements) for name in calls(e)}
+
+    def sources(self, end: End, seen: frozenset[End] = frozenset()) -> list[End]:
+        """The outputs of submodels of equations that feed an end."""
+        if end in seen:
+            return []
+        found = []
+        for start in self.feeds.get(end, ()):
+            found += [start] if start[0] in self.leaves else self.sources(start, seen | {end})
+        return found
+
+    def inputs(self, leaf: int) -> dict[str, list[End]]:
+        """The connected inputs of a submodel of equations, with their sources."""
+        named = {p.name: self.sources((leaf, p.name)) for p in self.leaves[leaf].ports
+                 if p.domain == "signal" and p.direction != "out"}
+        return {name: found for name, found in named.items() if found}
+
+    def continuous(self, leaf: int) -> bool:
+        """Whether a submodel has states, events or bonds."""
+        return bool(self.calls[leaf] & CONTINUOUS) or any(p.domain != "signal" for p in self.leaves[leaf].ports)
+
+    def holds(self, end: End) -> bool:
+        """Whether an output is that of a `hold`."""
+        equations = self.leaves[end[0]].equations
+        assert equations is not None
+        written = [s.right for s in (*equations.equations, *equations.code) if isinstance(s, Assign)
+                   and s.left.op == "name" and s.left.name == end[1]]
+        return bool(written) and all(e.op == "call" and e.name.lower() == "hold" for e in written)
+
+
+def sampling(root: Submodel) -> Sampling:
+    """What is discrete in a model."""
+    graph, found = _Graph(root), Sampling()
+    inputs = {leaf: graph.inputs(leaf) for leaf in graph.leaves}
+    found.discrete = {leaf for leaf, called in graph.calls.items() if called & DISCRETE and not graph.continuous(leaf)}
+    mixed: set[int] = set()  # algebraic, of discrete and continuous signals
+
+    def discrete(source: End) -> bool:
+        return (source[0] in found.discrete or source[0] in mixed) and not graph.holds(source)
+
+    plain = [leaf for leaf, called in graph.calls.items()
+             if not graph.continuous(leaf) and not called & (DISCRETE | {"hold"})]
+    size = -1
+    while size != len(found.discrete) + len(mixed):
+        size = len(found.discrete) + len(mixed)
+        for leaf in plain:
+            ways = [discrete(source) for sources in inputs[leaf].values() for source in sources]
+            if ways and all(ways):
+                found.discrete.add(leaf)
+                mixed.discard(leaf)
+            elif any(ways) and leaf not in found.discrete and _ends_in(graph, inputs, leaf, found.discrete):
+                mixed.add(leaf)
+    for leaf in graph.leaves:
+        if leaf not in found.discrete and leaf not in mixed and "hold" not in graph.calls[leaf]:
+            held = {name for name, sources in inputs[leaf].items() if any(discrete(s) for s in sources)}
+            if held:
+                found.held[leaf] = held
+    return found
+
+
+def _ends_in(graph: _Graph, inputs: dict[int, dict[str, list[End]]], leaf: int, discrete: set[int]) -> bool:
+    """Whether the outputs of an algebraic submodel reach a discrete one, or a `hold`, through algebraic ones."""
+    seen, front = {leaf}, [leaf]
+    while front:
+        own = front.pop()
+        for other, named in inputs.items():
+            if other in seen or not any(s[0] == own for sources in named.values() for s in sources):
+                continue
+            if other in discrete or "hold" in graph.calls[other]:
+                return True
+            if not graph.continuous(other):
+                seen.add(other)
+                front.append(other)
+    return False
