@@ -17,6 +17,7 @@ from heavebond.estimation.fitting import fit
 from heavebond.estimation.unit_and_sign_checks import (
     declared_otherwise,
     length_seems_in,
+    seems_from_another_zero,
     seems_in_another_unit,
     seems_of_another_sign,
     seems_turned,
@@ -148,6 +149,18 @@ def test_a_record_of_two_samples_is_refused(tmp_path: Path) -> None:
 def test_a_sign_that_is_turned() -> None:
     assert "write `is: -(a.x - b.x)`" in (seems_turned(3 - 0.9 * MOTION, MOTION, "a.x - b.x") or "")
     assert seems_turned(MOTION, MOTION, "a.x") is None and seems_turned(np.full(400, 0.1), MOTION, "a.x") is None
+
+
+@pytest.mark.parametrize(("unit", "offset", "write"), [
+    ("bar", -1.01, "`is: A.p - 1.01325 bar`"), ("kPa", 98.0, "`is: A.p + 101.325 kPa`"),
+    ("K", -273.15, "`unit: degC`"), ("degC", 273.15, "`unit: K`"),
+    ("bar", -1.3, ""), ("mm", -1.01, ""), ("bar", 0.0, ""),
+])
+def test_a_zero_of_pressure_or_temperature_that_is_another(unit: str, offset: float, write: str) -> None:
+    size = 0.2 if unit == "bar" else 10.0
+    said = seems_from_another_zero(offset + 1.1 * size * MOTION, size * MOTION, unit, "A.p")
+    assert write in said if said and write else not said and not write
+    assert seems_from_another_zero(offset + 10 * abs(offset) * MOTION, 0 * MOTION, unit, "A.p") is None  # more is wrong
 
 
 def test_compare_tells_them(tmp_path: Path) -> None:

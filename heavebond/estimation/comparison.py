@@ -35,7 +35,11 @@ from heavebond.estimation.experiment import Experiment, ExperimentOrFile, Output
 from heavebond.estimation.feedback import closed_loops
 from heavebond.estimation.input_noise import noise_notes
 from heavebond.estimation.records import Mask, Measured, Samples, measure, moments
-from heavebond.estimation.unit_and_sign_checks import seems_in_another_unit, seems_of_another_sign
+from heavebond.estimation.unit_and_sign_checks import (
+    seems_from_another_zero,
+    seems_in_another_unit,
+    seems_of_another_sign,
+)
 from heavebond.language import reading
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.quick_simulation import FitSimulator
@@ -324,7 +328,8 @@ def _held_too_long(channels: Mapping[str, Channel], inputs: Sequence[str]) -> li
 def _slips(channel: Channel, output: Output, declared: Unit | None) -> list[str]:
     measured, model = channel.measured[channel.counts], channel.model[channel.counts]
     formula = output.shown.text
-    found = (seems_in_another_unit(measured, model, channel.unit, declared), seems_of_another_sign(measured, model, formula))
+    found = (seems_in_another_unit(measured, model, channel.unit, declared), seems_of_another_sign(measured, model, formula),
+             seems_from_another_zero(measured, model, channel.unit, formula))
     return [said for said in found if said]
 
 

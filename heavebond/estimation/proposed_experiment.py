@@ -89,8 +89,7 @@ def propose(table: Table, assembly: Assembly) -> Proposal:
     # a diagram that names no outputs may be compared by the variables of its own parts and nodes
     likely = outputs or [t for t in signals if t.name.count(".") == 1]
     able = [n for n in table.header if n in table.columns and n != time]
-    chosen = _matched(able, units, [*inputs, *likely])
-    chosen |= _by_place([n for n in able if n not in chosen], units, [t for t in signals if t not in chosen.values()])
+    chosen = _matched(able, units, [*inputs, *likely], [*outputs, *signals])
     columns, remarks = [], []
     for name in table.header:
         if name not in table.columns:
@@ -185,10 +184,11 @@ def _signals(assembly: Assembly) -> list[_Target]:
             for name, j in assembly.flat.names.items() if name not in shown]
 
 
-def _matched(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] | None], targets: Sequence[_Target]
-             ) -> dict[str, _Target]:
+def _matched(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] | None], targets: Sequence[_Target],
+             variables: Sequence[_Target]) -> dict[str, _Target]:
     """The target of each column: pairs by the words that they share, most first; what drives the diagram before all outputs,
-    as a record without it could not be simulated; then what is left where a unit leaves no choice."""
+    as a record without it could not be simulated; then the variable whose place a column names; then what is left where a
+    unit leaves no choice."""
     def fits(column: str, target: _Target) -> bool:
         given = units[column]
         return given is None or given[1].dimension == target.unit.dimension
@@ -199,6 +199,7 @@ def _matched(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] 
     for _, _, _, column, target in sorted(pairs, key=lambda p: p[:3], reverse=True):
         if column not in found and target not in found.values():
             found[column] = target
+    found |= _by_place([c for c in columns if c not in found], units, [v for v in variables if v not in found.values()])
     rest = [t for t in targets if not t.driving]
     for driving, group in ((True, [t for t in targets if t.driving]), (False, [t for t in rest if t.role == "output"]),
                            (False, [t for t in rest if t.role == "input"])):

@@ -42,6 +42,9 @@ class UnitCheckConstants:
         weak signals.
     opposite: correlation below which the sign is wrong; a mistuned model hardly gets so low. Doubled: no sign is ever
         named.
+    zero_left: relative difference between a mean residual and the distance of two zeros of a scale (an atmosphere, which
+        the weather and 1000 m of height change by as much; 273.15 K). Doubled: other offsets are taken for it.
+    zero_share: least share of the mean square of the residual that the mean must be. Doubled: no zero is ever named.
     """
 
     unit_ratio: float = 3.0
@@ -54,9 +57,13 @@ class UnitCheckConstants:
     time_ratio: float = 40.0
     sign_gain: float = 0.01
     opposite: float = -0.9
+    zero_left: float = 0.15
+    zero_share: float = 0.9
 
 
 UNIT_CHECKS = UnitCheckConstants()
+ATMOSPHERE = 101325.0  # Pa, the standard atmosphere
+ZERO_CELSIUS = 273.15  # K
 TIMES = ("us", "ms", "s", "min", "h")
 
 
@@ -151,6 +158,26 @@ def seems_without_sign(measured: Array, model: Array, formula: str) -> str | Non
         return None
     return f"is never below 0 where the model is, and moves as its size does (correlation {number(sized, 3)}, with the " \
         f"sign {number(alike, 3)}): if the sensor cannot tell the direction, write `is: abs({formula})`"
+
+
+def seems_from_another_zero(measured: Array, model: Array, unit: str, formula: str) -> str | None:
+    """A remark where the record (n,) lies beside the model (n,), both in `unit`, by the distance of the two usual zeros of
+    a pressure (vacuum and atmosphere) or a temperature (0 K and 0 degC), and by hardly anything else."""
+    given = read_unit(unit)
+    residual = given.scale * (measured - model)
+    mean = float(np.mean(residual))
+    between = {read_unit("Pa").dimension: ATMOSPHERE, read_unit("K").dimension: ZERO_CELSIUS}.get(given.dimension)
+    if between is None or abs(abs(mean) / between - 1) > UNIT_CHECKS.zero_left or \
+            mean**2 < UNIT_CHECKS.zero_share * float(np.mean(residual**2)):
+        return None
+    side = "below" if mean < 0 else "above"
+    if between == ZERO_CELSIUS:
+        other = "K" if mean > 0 else "degC"
+        return f"lies {number(abs(mean), 3)} K {side} the model: write `unit: {other}` in place of `unit: {unit}`"
+    sensor, meant = ("above the atmosphere (gauge)", "absolute") if mean < 0 else ("absolute", "above the atmosphere")
+    return f"lies {number(abs(mean) / given.scale, 3)} {unit} {side} the model throughout, about the pressure of the " \
+        f"atmosphere: if the sensor shows pressure {sensor} and the model's is {meant}, write " \
+        f"`is: {formula} {'-' if mean < 0 else '+'} {number(ATMOSPHERE / given.scale, 6)} {unit}`"
 
 
 def _same_kind(one: Unit, other: Unit) -> bool:
