@@ -164,7 +164,8 @@ def test_discrete_signals_keep_their_values_between_samples(tmp_path: Path) -> N
                   "equations\n s = want - sample (is);\n i = dint (s);\n u = 2 * s + i;\n before = previous (s);")
              + part("Half", "signal in u; signal out y", "equations\n y = 0.5 * u;")
              + part("Count", "signal in u; signal out n; signal out late", "variables\n real on;\ninitialequations\n"
-                    " n = 10;\ncode\n late = on;\n if u > 0.9 then on = 1; end;\n if u < 0.85 then on = 0; end;\n n = n + on;")
+                    " n = 10;\ncode\n late = on;\n if u > 0.9 then on = 1; end;\n"
+                    " if u < 0.85 then on = 0; end;\n n = n + on;")
              + part("Step", "signal out y", "equations\n y = step (0.2);")
              + part("Plant", "signal in u; signal out y", "equations\n y = int (u - y);"))
     plotted = ("Control\\s", "Control\\before", "Count\\n", "Count\\late")
