@@ -105,6 +105,7 @@ def test_the_first_page_lists_the_machines() -> None:
     names = [entry["name"] for entry in bundled_machines()]
     assert {f"{BUNDLED}cmc_ahc", f"{BUNDLED}cmc_ahc/passive", f"{BUNDLED}circuits/crane"} <= set(names)
     assert f"{BUNDLED}cmc_ahc/quality_index" not in names  # a study
+    assert next(entry["studies"] for entry in bundled_machines() if entry["name"] == f"{BUNDLED}cmc_ahc") > 10
     assert all(entry["summary"] and not entry["summary"].startswith(">") for entry in bundled_machines())
 
 
@@ -289,7 +290,8 @@ def test_the_scripts_of_the_page_are_typed() -> None:
         pytest.skip("the compiler of TypeScript is not installed")
     page = Path(hb.__file__).parent / "studio" / "page"
     flags = ["--allowJs", "--checkJs", "--noEmit", "--strict", "--target", "esnext", "--module", "esnext",
-             "--moduleResolution", "bundler", "--lib", "esnext,dom,dom.iterable", "--skipLibCheck"]
+             "--noUnusedLocals", "--noUnusedParameters", "--moduleResolution", "bundler",
+             "--lib", "esnext,dom,dom.iterable", "--skipLibCheck"]
     found = subprocess.run([compiler, *flags, "main.js"], cwd=page, capture_output=True, text=True, check=False)
     said = [line for line in found.stdout.splitlines() if line and not line.startswith(("vendor/", " "))]
     assert said == []

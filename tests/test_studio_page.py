@@ -145,6 +145,9 @@ def test_a_mistake_is_shown_at_its_line_and_part_and_saving_changes_what_was_typ
     _typed(tab, "1.5 kN*s/m", "1.5 kN/m")
     tab.wait("document.querySelector('g.part.faulty')?.dataset.part === 'damper'")
     assert "line 12" in tab.run("document.querySelector('#problems').innerText")
+    tab.run("studio.pick('part', 'damper')")
+    assert "kN/m" in tab.run("document.querySelector('#panel .verdict').innerText")
+    tab.run("studio.editor.view.focus()")
     assert tab.wait("document.querySelectorAll('.cm-lintRange-error').length") == 1
     tab.key("z", ctrl=True)
     tab.wait("!document.querySelector('g.part.faulty') && !studio.unsaved")

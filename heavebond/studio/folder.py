@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.limits import FILE_BYTES
@@ -234,11 +235,14 @@ def _complete(path: Path) -> bool:
 
 
 @lru_cache(maxsize=1)
-def bundled_machines() -> tuple[dict[str, str], ...]:
-    """The bundled diagrams with their summaries: those of each machine together, its own first."""
+def bundled_machines() -> tuple[dict[str, Any], ...]:
+    """The bundled diagrams with their summaries: those of each machine together, its own first; and how many studies a copy
+    of the machine has."""
     root, found = bundled("models"), []
     for folder in sorted(p for p in root.iterdir() if p.is_dir() and p.name != "examples"):
         main = folder / f"{folder.name}.yaml"
+        texts = (path.read_text(encoding="utf-8") for path in folder.rglob("*.yaml"))
+        studies = sum(bool(re.search(r"^study\s*:", text, re.MULTILINE)) for text in texts)
         for path in sorted(folder.glob("*.yaml"), key=lambda p: (p != main, p.name)):
             items = read(path, bundled=True).root.items
             kind = next(iter(items))
@@ -247,5 +251,5 @@ def bundled_machines() -> tuple[dict[str, str], ...]:
             said = items.get("summary") or items.get("experiment")
             name = folder.name if path == main else f"{folder.name}/{path.stem}"
             found.append({"name": BUNDLED + name, "path": str(path), "machine": folder.name, "kind": kind,
-                          "summary": said.text if isinstance(said, Scalar) else ""})
+                          "studies": studies, "summary": said.text if isinstance(said, Scalar) else ""})
     return tuple(found)

@@ -9,6 +9,7 @@ const SHOWN = [["", "nothing", ""], ["effort", "effort", "force, pressure, volta
 const SPEEDS = [0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000];
 const LASTING = 10; // s that a whole run takes at the speed that is chosen first
 const SEEN = 0.001; // the share of the largest from which on a value is written
+const ZERO = 1e-9; // the share of a quantity's own largest below which it is rounding
 const WIDTH = [1.6, 5]; // of a wire that carries nothing and of the one that carries most
 const [RISEN, FALLEN, STORED, LOST, STILL] = ["#c44e00", "#0072b2", "#0072b2", "#c44e00", "#b0bac4"];
 
@@ -117,9 +118,9 @@ export class Animation {
       for (const [quantity, found] of Object.entries(thing)) {
         if (quantity === "domain") continue;
         const [row, text] = found, scale = unit(text), key = this.key(quantity, thing.domain, text);
-        found.push(scale);
         let size = 0;
         for (const v of series[row]) if (Math.abs(v) > size) size = Math.abs(v);
+        found.push(scale, size * ZERO);
         this.most.set(key, Math.max(this.most.get(key) ?? 0, size * scale));
       }
     }
@@ -199,7 +200,7 @@ export class Animation {
       }
       for (const label of sheet.querySelectorAll("g[data-part] > text.part")) {
         const part = parts[label.parentElement?.getAttribute("data-part") ?? ""];
-        const words = ["energy", "loss"].filter((q) => share(part?.[q], q) > SEEN).map((q) => `${short(series[part[q][0]][k])} ${unitLabel(part[q][1])}`);
+        const words = ["energy", "loss"].filter((q) => share(part?.[q], q) > SEEN).map((q) => this.worth(part[q], k));
         this.label(label, words.join(", "));
       }
       return;
@@ -213,7 +214,7 @@ export class Animation {
     }
     for (const label of sheet.querySelectorAll("text.node")) {
       const found = nodes[nameOf(label)]?.[this.what];
-      this.label(label, found ? `${short(series[found[0]][k])}${found[1] ? ` ${unitLabel(found[1])}` : ""}` : "");
+      this.label(label, found ? this.worth(found, k) : "");
     }
   }
 
@@ -243,6 +244,12 @@ export class Animation {
     found.style.stroke = LOST;
     found.style.strokeWidth = String(6 * Math.sqrt(Math.min(1, lost)));
     found.style.strokeOpacity = lost > 1e-4 ? "0.85" : "0";
+  }
+
+  /** A quantity at an instant with its unit. @param {any} found @param {number} k */
+  worth([row, unit, , zero], k) {
+    const value = this.data.series[row][k];
+    return `${short(Math.abs(value) <= zero ? 0 : value)}${unit ? ` ${unitLabel(unit)}` : ""}`;
   }
 
   /** A value behind a name on the drawing. @param {Element} text @param {string} words */

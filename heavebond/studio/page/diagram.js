@@ -4,6 +4,7 @@ import { byId } from "./dom.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const LEAST = 0.05, MOST = 6, STEP = 40, RIM = [130, 80]; // px; the rim on both sides is where new columns and rows begin
+const RIM_SHARE = 0.16; // of a small sheet at most
 
 export class Diagram {
   /** @param {any} studio */
@@ -123,7 +124,7 @@ export class Diagram {
     if (!this.svg) return;
     const { clientWidth: width, clientHeight: height } = this.sheet;
     const w = Number(this.svg.getAttribute("width")), h = Number(this.svg.getAttribute("height"));
-    const [across, along] = this.studio.edits.possible ? RIM : [0, 0];
+    const [across, along] = this.studio.edits.possible ? [Math.min(RIM[0], RIM_SHARE * width), Math.min(RIM[1], RIM_SHARE * height)] : [0, 0];
     this.scale = Math.min(1.6, Math.max(LEAST, Math.min((width - across) / w, (height - along) / h)));
     this.x = (width - w * this.scale) / 2;
     this.y = (height - h * this.scale) / 2;

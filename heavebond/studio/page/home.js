@@ -26,7 +26,7 @@ export function showHome(studio, told) {
     ...(studies.length ? [el("h2", {}, "Studies"), el("p", {}, "Many runs of a diagram: parameters varied, measured and tuned."), cards(studies)] : []),
     ...(components.length ? [el("h2", {}, "Components"), el("p", {}, "Parts of your own, for the diagrams in their folder."), cards(components)] : []),
     el("h2", {}, "Machines that come with heavebond"), el("p", {}, "To be looked at, run, and copied into the folder."),
-    el("ul", { class: "cards" }, ...[...machines].map(([name, all]) => machine(studio, open, name, all))));
+    el("ul", { class: "cards" }, ...[...machines].map(([name, all]) => machine(open, name, all))));
 }
 
 /** Only cards that have all words of a search; headings without cards go, too. @param {string} text */
@@ -39,12 +39,13 @@ function filter(text) {
   }
 }
 
-/** @param {any} studio @param {(name: string, text: string) => Node} open @param {string} name @param {any[]} all */
-function machine(studio, open, name, all) {
+/** @param {(name: string, text: string) => Node} open @param {string} name @param {any[]} all */
+function machine(open, name, all) {
   const main = all.find((m) => m.name === `bundled:${name}`), rest = all.filter((m) => m !== main);
   const list = el("ul", {}, ...rest.map((m) => el("li", { title: m.summary }, open(m.name, m.name.split("/").at(-1)), m.kind === "experiment" ? el("span", { class: "hint" }, " experiment with records") : null)));
   const words = { "data-words": `${name} ${all.map((m) => `${m.name} ${m.summary}`).join(" ")}`.toLowerCase() };
   if (!main) return el("li", words, el("b", {}, name), el("p", {}, "A collection of small diagrams."), el("details", {}, el("summary", {}, `${rest.length} diagrams`), list));
   return el("li", words, el("b", {}, open(main.name, name)), el("p", {}, main.summary),
-    rest.length ? el("details", {}, el("summary", {}, `${rest.length} ${rest.length > 1 ? "variants" : "variant"}`), list) : null);
+    rest.length ? el("details", {}, el("summary", {}, `${rest.length} ${rest.length > 1 ? "variants" : "variant"}`), list) : null,
+    main.studies ? el("p", {}, `Its copy comes with ${main.studies} studies.`) : null);
 }

@@ -169,8 +169,14 @@ class Studio {
     this.file.marks();
     this.file.offerDraft();
     await this.check(true);
-    if (this.view?.runs) this.runs.prepare(); // the first run finds the equations ready, and sliders follow at once
     if (this.edits.possible && this.view?.parts && !this.view.svg) this.palette.toggle(true);
+    if (this.document?.name === name) void this.readAhead(name);
+  }
+
+  /** The first run finds its equations ready, sliders follow at once, and the library opens without a wait. @param {string} name */
+  async readAhead(name) {
+    if (this.view?.runs) await this.runs.prepare();
+    if (this.edits.possible && this.document?.name === name) await Promise.resolve(this.palette.load()).catch(() => undefined);
   }
 
   /** @param {(string|Node)[]} parts */

@@ -83,7 +83,7 @@ export class Palette {
   list() {
     const words = this.wanted.toLowerCase().split(/\s+/).filter(Boolean);
     const meant = words.map((w) => MEANT[w]);
-    const rank = (/** @type {any} */ c) => words.every((w, k) => meant[k] && c.name.toLowerCase().includes(meant[k])) ? 0 : words.every((w) => c.name.toLowerCase().includes(w)) ? (c.name.toLowerCase().startsWith(words[0] ?? "") ? 0 : 1) :
+    const rank = (/** @type {any} */ c) => meant.every((m) => m && c.name.toLowerCase().includes(m)) ? 0 : words.every((w) => c.name.toLowerCase().includes(w)) ? (c.name.toLowerCase().startsWith(words[0] ?? "") ? 0 : 1) :
       words.every((w) => `${c.name} ${c.summary} ${Object.values(c.ports).join(" ")}`.toLowerCase().includes(w)) ? 2 : 3;
     if (words.length) {
       const found = this.groups.flatMap((g) => g.components).map((c) => ({ c, r: rank(c) })).filter(({ r }) => r < 3).sort((a, b) => a.r - b.r || a.c.name.length - b.c.name.length);

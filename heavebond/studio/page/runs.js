@@ -62,9 +62,9 @@ export class Runs {
   /** Begin to build what sliders run with. */
   prepare() {
     const text = this.studio.editor.text;
-    if (this.prepared === text || this.studio.evidence.active) return;
+    if (this.prepared === text || this.studio.evidence.active) return Promise.resolve();
     this.prepared = text;
-    void this.studio.link.ask("prepare", this.question({})).catch(() => { this.prepared = undefined; });
+    return this.studio.link.ask("prepare", this.question({})).then(() => undefined, () => { this.prepared = undefined; });
   }
 
   /** While a slider moves: one run at a time, and always of the newest value. @param {string} path @param {string} value */
@@ -145,7 +145,7 @@ export class Runs {
       this.live = this.made(told, values);
       this.studio.banner([]);
       this.studio.say(`${told.points} points in ${((performance.now() - began) / 1000).toFixed(1)} s, solver ${told.solver}`);
-      if (performance.now() - began < QUICK) this.prepare();
+      if (performance.now() - began < QUICK) void this.prepare();
       await this.complete();
       return true;
     } catch (error) {
