@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from test_import_20sim import at, one_part, run_part
-from test_import_20sim_models import block, imported, part
+from test_import_20sim_models import block, imported, one, part
 
 import heavebond as hb
 from heavebond.cli import main
@@ -146,6 +147,43 @@ def test_values_of_the_default_experiment_reach_elements_and_names_with_spaces(t
     assert run["the_part.y"][-1] == 9 + 700 + 1000 and len(run.time) == 5
 
 
+def test_the_text_is_that_of_a_person(tmp_path: Path) -> None:
+    """Comments stand where they stood, in `code` too; parts of one law share a file; a 1-junction is that of the library;
+    what only declares global quantities, and parameters that are initial values, leave nothing but value and comment."""
+    lag = part("Lag", "signal in u; signal out y", """// how fast it is
+parameters
+ real tau = 0.3;	// time constant
+ real y0 = 0.5;	// start
+equations
+ // first order
+ y = int (u - y * tau, y0);	// lag""")
+    code = """variables
+ real x;
+code
+ // the square
+ x = u * u;	// of the input
+ y = x + (if x > 2 then sin (x) * cos (x) + tanh (x) else 0 end);
+ z = x - (if x > 2 then sin (x) * cos (x) + tanh (x) else 0 end);"""
+    parts = (part("Globals", "", "parameters\n real global mass = 3 {kg};	// of the cart")
+             + part("In", "signal out y", "equations\n y = time;") + lag
+             + lag.replace("Lag", "Lag2").replace("0.3", "0.7")
+             + part("Code", "signal in u; signal out y; signal out z", code)
+             + part("Force", "power out p", "parameters\n real effort = 2;\nequations\n p.e = effort;") + one("Ring")
+             + part("M", "power in p", "parameters\n real global mass;\nequations\n p.f = int (p.e) / mass;")
+             + part("D", "power in p", "parameters\n real r = 1;\nequations\n p.e = r * p.f;"))
+    run = imported(tmp_path, parts, "In\\y -> Lag\\u; In\\y -> Lag2\\u; Lag\\y -> Code\\u; Force\\p => Ring\\p; "
+                   "Ring\\p => M\\p; Ring\\p => D\\p", 3.0)
+    assert run["M.p.f"] == pytest.approx(2 * (1 - np.exp(-run.time / 3)), rel=1e-6)
+    diagram, lags, codes = (re.sub(" +", " ", (tmp_path / "out" / name).read_text())
+                            for name in ("m.yaml", "components/lag.yaml", "components/code.yaml"))
+    assert "mass: 3 kg # of the cart" in diagram and "Lag2: {is: Lag, tau: 0.7," in diagram and "Globals" not in diagram
+    assert "Ring: {is: Junction1, at:" in diagram and '"Ring.a[1]"' in diagram and "Lag.y: 0.5" in diagram
+    assert "parameters:\n # how fast it is\n tau: {unit: 1, default: 0.3, doc: time constant}\n" in lags and "y0" not in lags
+    assert " # first order\n der(y) = u - y*tau # lag\n" in lags
+    assert " # the square\n x = u*u # of the input\n y_part = if_else(x > 2, " in codes
+    assert " y = x + y_part\n z = x - y_part\n" in codes
+
+
 def test_computed_global_quantities_with_units(tmp_path: Path) -> None:
     """The area follows from a global diameter; a submodel within a submodel uses it with a global stiffness in bar."""
     relations = ("description '<A><GlobalRelations>parameters\n real global bulk {bar} = 14000;\n real global d = 40 {mm};\n"
@@ -164,8 +202,8 @@ def test_discrete_signals_keep_their_values_between_samples(tmp_path: Path) -> N
                   "equations\n s = want - sample (is);\n i = dint (s);\n u = 2 * s + i;\n before = previous (s);")
              + part("Half", "signal in u; signal out y", "equations\n y = 0.5 * u;")
              + part("Count", "signal in u; signal out n; signal out late", "variables\n real on;\ninitialequations\n"
-                    " n = 10;\ncode\n late = on;\n if u > 0.9 then on = 1; end;\n"
-                    " if u < 0.85 then on = 0; end;\n n = n + on;")
+                    " n = 10;\ncode\n late = on;\n if u > 0.9 then on = 1; end;\n if u < 0.85 then on = 0; end;\n"
+                    " n = n + on;")
              + part("Step", "signal out y", "equations\n y = step (0.2);")
              + part("Plant", "signal in u; signal out y", "equations\n y = int (u - y);"))
     plotted = ("Control\\s", "Control\\before", "Count\\n", "Count\\late")

@@ -166,6 +166,11 @@ def renamed(expr: Expr, old: str, new: Expr) -> Expr:
     return rebuilt(expr, lambda e: renamed(e, old, new)) if expr.args else expr
 
 
+def begun(expr: Expr) -> Expr:
+    """An expression at the very start, where what variables were before is 0."""
+    return FALSE if expr.op == "prev" else rebuilt(expr, begun) if expr.args else expr
+
+
 def former(expr: Expr) -> list[str]:
     """The variables whose former value is in an expression."""
     return [expr.name] if expr.op == "prev" else [n for e in expr.args for n in former(e)]

@@ -20,6 +20,7 @@ class Item:
     doc: str = ""
     value: float | None = None
     out: bool = False  # of a bond: its flow is positive out of the submodel in 20-sim
+    before: str = ""  # lines of comments that stand before it
 
 
 def without_unit(item: Item) -> None:
@@ -33,6 +34,9 @@ class Event:
 
     when: dict[str, str]
     then: dict[str, Expr]
+
+
+Ends = list[tuple[list[str], bool]]  # the elements of each bond of a knot, and whether it points away
 
 
 @dataclass
@@ -54,6 +58,7 @@ class Component:
     untranslated: list[tuple[int, str]] = field(default_factory=list)
     omitted: list[tuple[int, str]] = field(default_factory=list)
     elements: dict[str, list[str]] = field(default_factory=dict)  # of each port of the submodel
+    junction: tuple[Ends, tuple[str, ...]] | None = None  # of a 1-junction: its bonds, and the outputs that are its flow
     shown: dict[str, str] = field(default_factory=dict)  # of plotted discrete variables: what they were at the last sample
     delay: tuple[Expr, str, str] | None = None  # the last one of a quantity by another: its result and both names
     tables: dict[str, Table] = field(default_factory=dict)  # by the beginning of the names of their lists

@@ -192,7 +192,7 @@ class Symbols:
             if values and value is None:
                 self.made.omitted.append((item.line, f"the value of the parameter '{item.name}' is not a known number"))
             self.made.items[name] = Item(name, "parameter", unit.base, " ".join(filter(None, (item.doc, unit.doc))),
-                                         None if value is None else unit.si(value))
+                                         None if value is None else unit.si(value), before="" if k else item.before)
             if item.is_global:
                 self.made.shared[name] = f"{item.name}{name[len(identifier(item.name)):]}"
         self.names[item.name] = [[f.name(e) for e in row] for row in names]
@@ -202,9 +202,10 @@ class Symbols:
             return
         names = self._elements(item.name, item.size)
         unit = unit_of(item.unit)
-        for name in (e for row in names for e in row):
+        for k, name in enumerate(e for row in names for e in row):
             kind = "in" if "import" in item.words else "variable"
-            self.made.items[name] = Item(name, kind, unit.base, " ".join(filter(None, (item.doc, unit.doc))))
+            self.made.items[name] = Item(name, kind, unit.base, " ".join(filter(None, (item.doc, unit.doc))),
+                                         before="" if k else item.before)
             if item.is_global and kind == "variable":
                 self.made.gives[name] = item.name if len(names) == 1 else f"{item.name}{name[len(identifier(item.name)):]}"
         self.names[item.name] = [[f.name(e) for e in row] for row in names]

@@ -13,6 +13,7 @@ from heavebond.import_20sim.assignments import EVENTS, assigned, assigned_again,
 from heavebond.import_20sim.choices import (
     at_event,
     at_start,
+    begun,
     former,
     keeps,
     leaves,
@@ -27,12 +28,12 @@ from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.declarations import Symbols
 from heavebond.import_20sim.execution import Env, Execution
 from heavebond.import_20sim.expressions_parser import Unreadable
-from heavebond.import_20sim.knots import collected, knot_equations, knot_value
+from heavebond.import_20sim.knots import collected, knot_equations, knot_value, one_junction
 from heavebond.import_20sim.matrices import Matrix
 from heavebond.import_20sim.memory import Memory
 from heavebond.import_20sim.names import camel, identifier
 from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, Statement, Submodel
-from heavebond.import_20sim.splitting import split_deep
+from heavebond.import_20sim.splitting import share_repeated, split_deep
 from heavebond.import_20sim.tables import read_table
 
 NO_EFFECT = {"warning", "stopsimulation", "effortincausality", "flowincausality", "seed"}  # on the solution of the equations
@@ -58,6 +59,7 @@ class Builder(Execution):
         everything = (*submodel.parameters, *self.source.parameters, *self.source.constants)
         stated = {identifier(d.name): d.value.name for d in everything if d.kind == "string" and d.value is not None}
         self.texts = {**stated, **texts}
+        self.labels: dict[str, str] = {}  # the quantities by the names of their elements
         self.triggers: Env = {}  # variables that are events
         self.start: Env = {}  # what the initial equations assign
 
@@ -66,6 +68,7 @@ class Builder(Execution):
         made = self.made
         made.untranslated += [*self.submodel.problems, *self.source.problems]
         self.symbols.declare()
+        self.labels = {f.text(e): label for label, rows in self.symbols.names.items() for row in rows for e in row}
         self._hold_inputs()
         try:
             self._equations()
@@ -76,7 +79,9 @@ class Builder(Execution):
         if made.untranslated:
             make_placeholder(made)
         else:
+            made.junction = one_junction(self.symbols)
             split_deep(made)
+            share_repeated(made)
         return made
 
     def _hold_inputs(self) -> None:
@@ -89,8 +94,9 @@ class Builder(Execution):
 
     # -- statements --------------------------------------------------------------------------------------------------
     def _equations(self) -> None:
-        start = self.start
-        self._run(self.source.initial, start)
+        elsewhere = {base for s in (*self.source.equations, *self.source.code) for base in assigned(s)}
+        start = self.start = {name: simplified(begun(value)) for name, value in
+                              self._in_turn(self.source.initial, {}, elsewhere).items()}
         written: set[str] = set()
         several = assigned_again(self.source.equations)
         for statement in self.source.equations:
@@ -109,16 +115,19 @@ class Builder(Execution):
         self._unwritten(start, written)
 
     def _code(self) -> Env:
-        """What the statements of `code` assign, executed one after the other. After its last assignment, a variable stands
-        for its value: an equation of its own, as it was written."""
+        """What the statements of `code` assign."""
         env: Env = dict(self.triggers)
-        final: Env = {}
-        statements = self.source.code
         if self.discrete:  # what is read before it is assigned is that of the last sample
-            written = [base for s in statements for base in assigned(s)]
+            written = [base for s in self.source.code for base in assigned(s)]
             elements = [e for base in written for row in self.symbols.names.get(base, []) for e in row]
             env |= {e.name: Expr("prev", name=e.name) for e in elements if e.name in self.made.items}
-        later: list[set[str]] = [set()]
+        return self._in_turn(self.source.code, env, set())
+
+    def _in_turn(self, statements: list[Statement], env: Env, elsewhere: set[str]) -> Env:
+        """What statements assign that are executed one after the other. After its last assignment, a variable stands for its
+        value: an equation of its own, as it was written; not so variables that are assigned elsewhere too."""
+        final: Env = {}
+        later: list[set[str]] = [elsewhere]
         for statement in reversed(statements):
             later.append(later[-1] | set(assigned(statement)))
         for statement, others in zip(statements, reversed(later[:-1]), strict=True):
@@ -140,14 +149,16 @@ class Builder(Execution):
 
     def _unwritten(self, start: Env, written: set[str]) -> None:
         """Variables that are set once, that another submodel computes, or that nothing uses."""
-        used = self._used()
-        for name, value in start.items():
-            item = self.made.items.get(name)
-            if item is None or name in written or item.kind not in ("variable", "out"):
-                continue
-            if name in used or item.kind == "out" or name in self.made.gives:
-                self.made.equations.append((f.name(name), value, "set once, at the start"))
-                written.add(name)
+        used = self._used() | set(self.made.gives)
+        once = {name: value for name, value in start.items() if (item := self.made.items.get(name)) is not None
+                and name not in written and item.kind in ("variable", "out")}
+        reached = [name for name in once if name in used or self.made.items[name].kind == "out"]
+        for name in reached:  # they may use others
+            reached += [n for n in dict.fromkeys(names(once[name])) if n in once and n not in reached]
+        for name in (n for n in once if n in reached):
+            *before, beside = self.comment(self.labels.get(name, name)).split("\n")
+            self.made.equations.append((f.name(name), once[name], "\n".join([*before, beside or "set once, at the start"])))
+            written.add(name)
         used = self._used()
         for name, item in list(self.made.items.items()):
             if item.kind != "variable" or name in written or name in self.made.initial:
@@ -204,8 +215,10 @@ class Builder(Execution):
 
     def _pairs(self, left: Matrix, right: Matrix, comment: str = "") -> None:
         a, b = [e for row in left for e in row], [e for row in right for e in row]
-        for x, y in zip(a, b if len(b) == len(a) else b * len(a), strict=False):
-            self.made.equations.append((x, at_event(y, None), comment))
+        for k, (x, y) in enumerate(zip(a, b if len(b) == len(a) else b * len(a), strict=False)):
+            y = at_event(y, None)
+            sides = (x.args[0], f.negative(y)) if x.op == "negative" else (x, y)
+            self.made.equations.append((*sides, "" if k else comment))
 
     def _equation(self, statement: Assign, written: set[str]) -> None:
         left, right, line = statement.left, statement.right, statement.line
@@ -321,8 +334,9 @@ class Builder(Execution):
         if self.discrete and item is not None and item.kind in ("variable", "out"):
             value = self._of_last_sample(name, value, start)
         between = at_event(value, None)
+        said = self.comment(self.labels.get(name, name))
         if item is None and name in self.targets and not keeps(value, name):
-            self.made.equations.append((self.targets[name], between, ""))
+            self.made.equations.append((self.targets[name], between, said))
             return
         if item is None or item.kind not in ("variable", "out"):
             self.made.untranslated.append((self.submodel.line, f"'{name}' cannot be assigned"))
@@ -331,16 +345,16 @@ class Builder(Execution):
             if triggers(value) and between == f.number(0) and item.kind == "variable":
                 del self.made.items[name]
             else:
-                self.made.equations.append((f.name(name), between, ""))
+                self.made.equations.append((f.name(name), between, said))
             return
         found = leaves(between, Expr("prev", name=name))
         if any(self._moves(leaf) for _, leaf in found):
             if not any(keeps(e, name) for pair in found for e in pair):
-                self._follows(name, item, between, found, start.get(name, f.number(0)))
+                self._follows(name, item, between, found, start.get(name, f.number(0)), said)
                 return
             self.made.omitted.append((self.submodel.line, f"'{name}' depends on the value that it had before; it is set "
                                       "only at the instants at which the conditions of its branches become true"))
-        self._held(name, item, value, start.get(name, f.number(0)))
+        self._held(name, item, value, start.get(name, f.number(0)), said)
 
     def _of_last_sample(self, name: str, value: Expr, start: Env) -> Expr:
         """A value in which what variables were before, itself among them, is what they were at the last sample."""
@@ -352,10 +366,11 @@ class Builder(Execution):
             value = renamed(value, n, f.name(kept)) if n == name else renamed_former(value, n, f.name(kept))
         return value
 
-    def _follows(self, name: str, item: Item, value: Expr, found: Iterable[tuple[Expr, Expr]], first: Expr) -> None:
+    def _follows(self, name: str, item: Item, value: Expr, found: Iterable[tuple[Expr, Expr]], first: Expr,
+                 said: str) -> None:
         """A variable that follows an expression while a branch assigns it, and keeps its last value where none does."""
         kept = self.made.hold(f"{name}_kept", item.unit, f"last value of {name}", first)
-        self.made.equations.append((f.name(name), renamed(value, name, f.name(kept)), ""))
+        self.made.equations.append((f.name(name), renamed(value, name, f.name(kept)), said))
         for condition, leaf in found:
             condition = self._passed(condition)
             flag = self.made.hold(f"{name}_assigned", "", f"1 while a branch assigns {name}", f.number(0))
@@ -365,13 +380,14 @@ class Builder(Execution):
             self.made.on(f"{name}_begins", {"condition": f.text(condition)}, {flag: f.number(1)})
             self.made.on(f"{name}_ends", {"condition": f.text(left)}, {kept: leaf, flag: f.number(0)})
 
-    def _held(self, name: str, item: Item, value: Expr, first: Expr) -> None:
+    def _held(self, name: str, item: Item, value: Expr, first: Expr, said: str) -> None:
         """A variable that keeps its value: held, and set by events."""
         held = name
         if item.kind == "out":
             held = self.made.fresh(f"{name}_held")
-            self.made.equations.append((f.name(name), f.name(held), "kept between events"))
-        self.made.items[held] = Item(held, "held", item.unit, item.doc, 0.0)
+            self.made.equations.append((f.name(name), f.name(held), said or "kept between events"))
+        doc = item.doc or ("" if held != name else "; ".join(filter(None, said.split("\n"))))
+        self.made.items[held] = Item(held, "held", item.unit, doc, 0.0, before=item.before if held == name else "")
         self.made.first[held] = first
         value = renamed(value, name, f.name(held))
         begun = simplified(renamed(at_start(value), "time", f.number(0)))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.assignments import assigned
 from heavebond.import_20sim.choices import decided, simplified
 from heavebond.import_20sim.component import Component
 from heavebond.import_20sim.evaluate import Evaluator, fold
@@ -27,12 +28,14 @@ class Execution:
 
     made: Component
     memory: Memory
+    comments: Mapping[int, str]
     evaluate: Evaluator
     numbers: dict[str, float]
 
     def __init__(self) -> None:
         self.targets: Env = {}  # what a statement assigns, by its text
         self.turns = 0
+        self.said: dict[str, list[str]] = {}  # the comments at the statements that assign a quantity
 
     def _do(self, statement: Do) -> None:
         raise NotImplementedError
@@ -50,6 +53,8 @@ class Execution:
     def _statement(self, statement: Statement, env: Env) -> None:
         outer, self.evaluate.values = self.evaluate.values, env
         try:
+            if statement.line in self.comments:
+                self._say(statement)
             if isinstance(statement, Assign):
                 self._assign(statement, env)
             elif isinstance(statement, If):
@@ -62,6 +67,19 @@ class Execution:
                 self._do(statement)
         finally:
             self.evaluate.values = outer
+
+    def _say(self, statement: Statement) -> None:
+        """Keep a comment for the first quantity that a statement assigns."""
+        for label in assigned(statement)[:1]:
+            own = self.said.setdefault(label, [])
+            if (comment := self.comments[statement.line]) not in own:
+                own.append(comment)
+
+    def comment(self, label: str) -> str:
+        """The comments of all statements that assign a quantity: lines before the equation, and last the text beside it."""
+        own = [comment.split("\n") for comment in self.said.pop(label, ())]
+        before = [line for lines in own for line in lines[:-1]]
+        return "\n".join([*before, "; ".join(dict.fromkeys(lines[-1] for lines in own if lines[-1]))])
 
     def _assign(self, statement: Assign, env: Env) -> None:
         self.memory.target = statement.left.name if statement.left.op == "name" else ""

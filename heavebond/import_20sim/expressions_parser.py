@@ -356,8 +356,9 @@ class Reader:
                     self.take()
                 else:
                     break
-            found.append(Declared(token.text, kind, token.line, tuple(words), tuple(size), value, unit,
-                                  self.comments.get(token.line, "")))
+            *before, beside = self.comments.get(token.line, "").split("\n")
+            found.append(Declared(token.text, kind, token.line, tuple(words), tuple(size), value, unit, beside,
+                                  "" if found else "\n".join(before)))
             if not self.skip(","):
                 break
         self.skip(";")

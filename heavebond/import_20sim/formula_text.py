@@ -104,6 +104,8 @@ def _text(expr: Expr) -> tuple[str, int]:
     if op not in LEVEL:
         raise Unreadable(expr.line, "an event stands where a value is needed")
     level = LEVEL[op]
+    if op == "negative" and expr.args[0].op in ("*", "/"):  # (-a)*b is the same number as -(a*b)
+        return f"-{_within(expr.args[0], MULTIPLY)}", MULTIPLY
     if op in ("negative", "not"):
         inner = _within(expr.args[0] if op == "negative" else truth(expr.args[0]), level + (op == "negative"))
         return f"{'-' if op == 'negative' else 'not '}{inner}", level

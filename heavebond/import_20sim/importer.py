@@ -27,6 +27,7 @@ from heavebond.import_20sim.write import (
     numbers,
     parts_text,
     quantity,
+    remark,
     scalar,
 )
 
@@ -90,9 +91,12 @@ class _Writer:
         self.emx, self.translator, self.top, self.library = emx, translator, top, library
         self.result = Imported(identifier(file_stem(emx.path.stem)), emx.path.stem)
         self.names: dict[int, str] = {}
-        self.texts: dict[tuple[str, str], str] = {}  # wanted name and text without its name: the name
+        self.texts: dict[tuple[str, str], str] = {}  # wanted name and what is common to all parts of a kind: the name
+        self.defaults: dict[int, Component] = {}  # of each component: the one whose values its file has
+        self.kinds: dict[str, Component] = {}  # of each file: the first component of its kind
         self.taken: set[str] = set()
         self.globals: dict[str, tuple[float, str]] = {}
+        self.docs: dict[str, str] = {}  # of global parameters
         self.set: list[tuple[str, str]] = []
         self.matches: dict[int, Match] = {}  # of components that the library has, by their identity
 
@@ -156,6 +160,7 @@ class _Writer:
                     missing.add(base)
                     item.kind, item.value = "parameter", 0.0
 
+        self._unused()
         given = {path for path, _ in self.set}
         for path, made in self.translator.components:
             for item in made.of_kind("parameter"):
@@ -163,6 +168,30 @@ class _Writer:
                     item.value = 0.0
                     why = f"the parameter '{item.name}' has no value; 0 is used"
                     self.result.untranslated.append(Untranslated(path, made.line, why))
+
+    def _unused(self) -> None:
+        """Leave out parameters that no equation uses, such as initial values, which stand in the diagram, and submodels
+        that do nothing but declare global quantities."""
+        plotted = {label.replace("\\", ".") for name in self.emx.plotted for label in labels(name)}
+        gone: set[str] = set()
+        for path, made in self.translator.components:
+            if made.untranslated:
+                continue
+            text = component_text(made, "")
+            used = set(re.findall(r"\w+", text[text.index("equations: |"):] if made.equations else ""))
+            used |= set(re.findall(r"\w+", text[text.index("when:"):] if made.events else ""))
+            for item in made.of_kind("parameter"):
+                if item.name not in used and f"{path}.{item.name}" not in plotted:
+                    if (label := made.shared.pop(item.name, "")):
+                        self.docs.setdefault(label, item.doc)
+                    del made.items[item.name]
+                    gone.add(f"{path}.{item.name}")
+        self.set = [(name, value) for name, value in self.set if name not in gone]
+        empty = {id(made) for _, made in self.translator.components if not made.items and not made.untranslated}
+        self.translator.components = [(path, made) for path, made in self.translator.components if id(made) not in empty]
+        for _, block in self.translator.blocks:
+            left = {name: part for name, part in block.parts.items() if id(part.what) not in empty}
+            block.parts = left or block.parts
 
     def _sample_time(self) -> None:
         """The sample time of the discrete parts, where there are any."""
@@ -220,17 +249,26 @@ class _Writer:
         path = next((p for p, b in self.translator.blocks if b is block), "")
         return {id(part.what): self._values(part, path) for part in block.parts.values()}
 
+    @staticmethod
+    def _tables(made: Component, names: dict[str, str]) -> list[tuple[str, str]]:
+        return [(names.get(kind, f"{name}_{kind}"), numbers(points, "s" if names.get(kind) == "t" else ""))
+                for name, table in made.tables.items() for kind, points in zip("xv", table, strict=True)]
+
     def _values(self, part: Part, path: str) -> list[tuple[str, str]]:
-        """The values of a part that is a component of the library."""
+        """The values of a part that are not the defaults of its file."""
         match, made = self.matches.get(id(part.what)), part.what
         if not isinstance(made, Component):
             return []
-        if match is None or match.lists:
-            names = match.lists if match else {}
-            return [(names.get(kind, f"{name}_{kind}"), numbers(points, "s" if names.get(kind) == "t" else ""))
-                    for name, table in made.tables.items() for kind, points in zip("xv", table, strict=True)]
-        shared = {name for name, _ in self.set}
+        if match is None:
+            own = f"{path}.{part.name}" if path else part.name
+            shared, usual = {name for name, _ in self.set}, self.defaults[id(made)].items
+            return self._tables(made, {}) + [
+                (item.name, quantity(item.value, item.unit)) for item in made.of_kind("parameter") if item.value is not None
+                and item.value != usual[item.name].value and f"{own}.{item.name}" not in shared]
+        if match.lists:
+            return self._tables(made, match.lists)
         own = f"{path}.{part.name}" if path else part.name
+        shared = {name for name, _ in self.set}
         values = {**match.numbers, **{p: made.items[n].value or 0.0 for p, n in match.parameters.items()}}
         return [(name, quantity(values[name], unit)) for name, unit in match.units.items()
                 if name in values and f"{own}.{name}" not in shared]
@@ -241,31 +279,40 @@ class _Writer:
             what = part.what
             if isinstance(what, Block):
                 self._place(what)
-                what.summary = f"Submodel {what.name} of the 20-sim model {self.emx.path.stem}."
                 parts = parts_text(what, self.names, self._given(what), *_origin(what))
-                self._file(what, what.name, lambda name, what=what, parts=parts: block_text(what, name, parts))
+                name, new = self._kind(what, block_text(what, "", parts))
+                text = block_text(what, name, parts) if new else ""
             elif id(what) in self.matches:
                 self.names[id(what)] = self.matches[id(what)].name
+                continue
             else:
-                what.summary = f"Submodel {what.name} of the 20-sim model {self.emx.path.stem}."
-                self._file(what, what.name, lambda name, what=what: component_text(what, name))
+                name, new = self._kind(what, component_text(what, "", defaults=False))
+                self.defaults[id(what)] = self.kinds.setdefault(name, what)
+                text = component_text(what, name) if new else ""
+            if new:
+                self.result.files[f"components/{snake(name)}.yaml"] = text
 
-    def _file(self, what: Component | Block, wanted: str, text: object) -> None:
-        assert callable(text)
-        key = (wanted, text(""))
-        if key not in self.texts:
-            name, k = wanted, 1
+    def _kind(self, what: Component | Block, common: str) -> tuple[str, bool]:
+        """The name of the file for a submodel, and whether it is a new one: submodels of one type, or whose names differ by
+        a number, that have the same text but for the values of their parameters are parts of one kind."""
+        key = (re.sub(r"^Own(?=[A-Z])|(?<=[A-Za-z])[0-9]+$", "", what.name), common)
+        new = key not in self.texts
+        if new:
+            name, k = what.name, 1
             while name.lower() in self.taken:
-                k, name = k + 1, f"{wanted}{k + 1}"
+                k, name = k + 1, f"{what.name}{k + 1}"
             self.taken.add(name.lower())
             self.texts[key] = name
-            self.result.files[f"components/{snake(name)}.yaml"] = text(name)
+            what.summary = f"Submodel {what.name} of the 20-sim model {self.emx.path.stem}."
         self.names[id(what)] = self.texts[key]
+        return self.texts[key], new
 
     def _diagram(self) -> str:
         lines = [f"model: {self.result.name}", f"summary: {scalar(f'Imported from the 20-sim model {self.emx.path.name}.')}"]
         if self.globals:
-            lines += ["parameters:", *(f"  {identifier(n)}: {quantity(v, u)}" for n, (v, u) in self.globals.items())]
+            said = {name: f"   # {remark(doc)}" for name, doc in self.docs.items() if doc}
+            lines += ["parameters:", *(f"  {identifier(n)}: {quantity(v, u)}{said.get(n, '')}"
+                                       for n, (v, u) in self.globals.items())]
         lines += parts_text(self.top, self.names, self._given(self.top), *_origin(self.top))
         if self.set:
             lines += ["set:", *(f"  {path}: {scalar(value)}" for path, value in self.set)]

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.component import Ends
 from heavebond.import_20sim.declarations import Symbols
 from heavebond.import_20sim.matrices import Matrix
-from heavebond.import_20sim.sidops_tree import Assign, Expr
+from heavebond.import_20sim.sidops_tree import Assign, Do, Expr
 
 
 def collected(symbols: Symbols, call: Expr) -> list[tuple[bool, Matrix]]:
@@ -64,3 +65,22 @@ def knot_equations(symbols: Symbols, statement: Assign) -> Iterator[tuple[Matrix
     sides = knot_value(symbols, left) or (knot_value(symbols, right) and symbols.evaluate(left))
     if sides and ((other := knot_value(symbols, right)) or right.op == "number"):
         yield sides, other or symbols.evaluate(right)
+
+
+def one_junction(symbols: Symbols) -> tuple[Ends, tuple[str, ...]] | None:
+    """The bonds of a knot whose equations are those of a 1-junction, and its outputs that are the flow; None for others."""
+    if not symbols.submodel.knot or list(symbols.many) != ["p"] or symbols.source.code:
+        return None
+    flows, written = [], []
+    for s in symbols.source.equations:
+        if isinstance(s, Do) and s.call.name.lower() == "equal":
+            written.append(s.call.args[0].args[0].name if s.call.args and s.call.args[0].args else "")
+        elif isinstance(s, Assign) and s.left.op == "call" and s.left.name.lower() == "sum" and s.right == f.number(0):
+            written.append(s.left.args[0].args[0].name if s.left.args and s.left.args[0].args else "")
+        elif isinstance(s, Assign) and s.right.op == "call" and s.right.name.lower() == "first" and \
+                s.right.args[0].name == "p.f" and s.left.op == "name":
+            flows.append(s.left.name)
+        else:
+            return None
+    ends = [(symbols.made.elements[name], out) for name, out in symbols.many["p"]]
+    return (ends, tuple(flows)) if sorted(written) == ["p.e", "p.f"] and len({out for _, out in ends}) == 2 else None

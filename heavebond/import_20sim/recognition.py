@@ -264,7 +264,7 @@ def _unit(text: str) -> str:
 # -- the comparison --------------------------------------------------------------------------------------------------------
 def recognised(made: Component, joined: set[str]) -> Match | None:
     """The component of the library with the law of an imported one, whose ports `joined` are connected."""
-    if (whole := _table(made) or _delay(made)) is not None:
+    if (whole := _table(made) or _delay(made) or _junction(made, joined)) is not None:
         return whole
     law = _imported(made, joined)
     if law is None or made.tables or any(not isinstance(e, syntax.Name) for e in law.differentiated):
@@ -297,6 +297,26 @@ def _table(made: Component) -> Match | None:
     if given not in made.items or made.items[given].kind != "in":
         return None
     return Match("Lookup", {left.name: "y", given: "u"}, {}, {}, {}, lists={"x": "x", "v": "v"})
+
+
+def _junction(made: Component, joined: set[str]) -> Match | None:
+    """A 1-junction of bonds or multi-bonds whose flow no signal takes."""
+    if made.junction is None or made.untranslated:
+        return None
+    bonds, flows = made.junction
+    width, count = len(bonds[0][0]), {"a": 0, "b": 0}
+    outputs = [name for flow in flows for name in made.elements[flow]]
+    if set(outputs) & joined:
+        return None
+    ports = dict(zip(outputs, ["f"] if width == 1 else [f"f[{k + 1}]" for k in range(width)], strict=False))
+    for bond, out in bonds:
+        side = "b" if out else "a"
+        ports |= {name: f"{side}[{count[side] + k + 1}]" for k, name in enumerate(bond)}
+        count[side] += width
+    sizes = {"k": width, "n": count["a"] // width, "m": count["b"] // width}
+    usual = {"k": 1 if width == 1 else 2, "n": 1, "m": 2}
+    numbers = {name: float(size) for name, size in sizes.items() if size != usual[name]}
+    return Match("Junction1" if width == 1 else "Junction1Field", ports, {}, numbers, dict.fromkeys(numbers, ""))
 
 
 def _delay(made: Component) -> Match | None:

@@ -17,6 +17,10 @@ TOKENS = re.compile(r"""
   | (?P<sign>\|(?:=>|<=|->|<-)|(?:=>|<=|->|<-)\||<=|>=|<>|==|!=|->|<-|=>|\.\*|\./|\.\^|.)
 """, re.VERBOSE | re.DOTALL)
 MOST_TOKENS = 2_000_000
+TEMPLATE = re.compile(r"equation submodel$|enter your? equations here|start typing here|20-sim linear system editor",
+                      re.IGNORECASE)  # what 20-sim itself writes
+ENDS = {"end", "else", "implementation_end"}  # a comment before these says nothing of what follows
+OPENINGS = {"constants", "parameters", "variables", "externals", "initialequations", "equations", "code", "dynamic", ";"}
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,8 @@ class Token:
 
 @dataclass(frozen=True)
 class Lexed:
-    """All tokens, and the comment that stands on a line (`//` or `/* */`), by line."""
+    """All tokens, and the comments (`//` or `/* */`) by the line of what they say: lines of text of their own before it,
+    and last the comment that stands on the same line, or an empty text."""
 
     tokens: tuple[Token, ...]
     comments: dict[int, str]
@@ -45,18 +50,30 @@ def tokenise(text: str, file: str, first_line: int) -> Lexed:
     """The tokens of a text whose first line has the number `first_line` in the file; raises ModelError."""
     tokens: list[Token] = []
     comments: dict[int, str] = {}
+    alone: list[str] = []  # comments on lines of their own
+    beside: dict[int, str] = {}
     position, line = 0, first_line
     while position < len(text):
         found = TOKENS.match(text, position)
         assert found is not None  # any character is a sign at least
         kind, word = found.lastgroup or "", found.group()
         if kind == "comment":
-            comments[line] = " ".join(word.strip("/*").split())
+            if tokens and tokens[-1].line == line:
+                beside[line] = " ".join(word.strip("/*").split())
+            else:
+                said = [" ".join(text.strip("/* \t").split()) for text in word.splitlines()]
+                alone += [text for text in said if text and not TEMPLATE.match(text)]
         elif kind not in ("space", "newline"):
+            if word.lower() in ENDS:
+                alone = []
+            elif alone and word.lower() not in OPENINGS:
+                comments[line], alone = "\n".join([*alone, ""]), []
             tokens.append(Token(kind, word, line))
             if len(tokens) > MOST_TOKENS:
                 raise ModelError([Problem("emx-size", "the model has more than two million words", Place(file, line))])
         line += word.count("\n")
         position = found.end()
+    for line_of, text in beside.items():
+        comments[line_of] = comments.get(line_of, "") + text
     tokens.append(Token("end", "", line))
     return Lexed(tuple(tokens), comments)

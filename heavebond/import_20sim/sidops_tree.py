@@ -101,6 +101,7 @@ class Declared:
     value: Expr | None = None
     unit: str = ""
     doc: str = ""
+    before: str = ""  # comments on lines of their own before it
 
     @property
     def is_global(self) -> bool:

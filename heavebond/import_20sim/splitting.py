@@ -1,4 +1,5 @@
-"""Expressions that are longer or nested more deeply than the formula language accepts, with variables for their parts."""
+"""Variables for parts of expressions: of those that are longer or nested more deeply than the formula language accepts, and
+of those that say the same choice several times."""
 
 from __future__ import annotations
 
@@ -6,11 +7,59 @@ from functools import lru_cache
 
 from heavebond.core.limits import BRACKETS, OPERATIONS
 from heavebond.import_20sim import formula_text as f
-from heavebond.import_20sim.choices import rebuilt
+from heavebond.import_20sim.choices import former, rebuilt, triggers
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.sidops_tree import Expr
 
 LARGEST, PART = 1500, 40  # nodes of an expression, and of a part of a larger one; products of many matrices repeat parts
+
+
+REPEATED = 12  # nodes of an expression that is worth a variable where it stands twice
+
+
+def share_repeated(made: Component) -> None:
+    """Give choices and calls that stand in several places a variable, the largest first."""
+    while (expr := _repeated(made)) is not None:
+        at = next(k for k, (_, right, _) in enumerate(made.equations) if _holds(right, expr))
+        target = made.equations[at][0]
+        name = made.fresh(f"{f.text(target.args[0] if target.args else target).replace('.', '_')}_part")
+        made.items[name] = Item(name, "variable", "", f"part of {f.text(target)}")
+        long, short = f.text(expr), f.name(name)
+        made.equations = [(left, _exchanged(right, expr, short), said) for left, right, said in made.equations]
+        made.equations.insert(at, (short, expr, ""))
+        for event in made.events.values():
+            event.then = {own: _exchanged(value, expr, short) for own, value in event.then.items()}
+            event.when = {key: text.replace(long, name) for key, text in event.when.items()}  # a call, in its brackets
+
+
+def _repeated(made: Component) -> Expr | None:
+    """The largest choice or call in the equations that stands twice in the component."""
+    seen: set[Expr] = set()
+    twice: list[Expr] = []
+
+    def visit(expr: Expr) -> None:
+        if expr.op in ("if", "call") and expr.size >= REPEATED and expr.name != "der":
+            if expr in seen:
+                twice.append(expr)
+                return
+            seen.add(expr)
+        for e in expr.args:
+            visit(e)
+
+    for _, right, _ in made.equations:
+        visit(right)
+    found = [e for e in dict.fromkeys(twice) if not former(e) and not triggers(e)]
+    return max(found, key=lambda e: e.size, default=None)
+
+
+def _holds(expr: Expr, part: Expr) -> bool:
+    return expr == part or any(_holds(e, part) for e in expr.args)
+
+
+def _exchanged(expr: Expr, old: Expr, new: Expr) -> Expr:
+    if expr == old:
+        return new
+    return rebuilt(expr, lambda e: _exchanged(e, old, new)) if expr.size > old.size else expr
 
 
 def split_deep(made: Component) -> None:

@@ -7,7 +7,9 @@ from collections.abc import Iterable, Mapping
 
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.block import Block, Part
-from heavebond.import_20sim.component import Component, Item
+from heavebond.import_20sim.component import Component, Event, Item
+
+WIDTH = 125  # of a line
 
 
 def scalar(text: str) -> str:
@@ -40,7 +42,7 @@ def _ports(items: Iterable[Item]) -> list[str]:
     return ["ports:", *lines] if lines else []
 
 
-def _declared(made: Component) -> list[str]:
+def _declared(made: Component, defaults: bool) -> list[str]:
     lines = []
     for title, kinds in (("parameters", ("parameter",)), ("variables", ("variable", "held"))):
         items = made.of_kind(*kinds)
@@ -52,10 +54,11 @@ def _declared(made: Component) -> list[str]:
                       f"  {name}_x: {{unit: 1, count: {name}_n, doc: inputs of the points}}",
                       f"  {name}_v: {{unit: 1, count: {name}_n, doc: values at the points}}"]
         for item in items:
+            lines += [f"  # {remark(text)}" for text in item.before.splitlines()]
             entries = [("unit", item.unit or "1")]
             if item.kind == "held":
                 entries.append(("held", quantity(item.value or 0.0, item.unit)))
-            if item.kind == "parameter" and item.value is not None:
+            if item.kind == "parameter" and item.value is not None and defaults:
                 entries.append(("default", quantity(item.value, item.unit)))
             if item.doc:
                 entries.append(("doc", scalar(item.doc)))
@@ -63,29 +66,45 @@ def _declared(made: Component) -> list[str]:
     return lines
 
 
-def component_text(made: Component, name: str) -> str:
-    """The file of a component made of equations."""
+def component_text(made: Component, name: str, defaults: bool = True) -> str:
+    """The file of a component made of equations; without `defaults`, what all parts of its kind have in common."""
     lines = [f"component: {name}", f"summary: {scalar(made.summary)}"]
     if made.untranslated:
         lines.append(f"placeholder: {scalar('; '.join(f'line {k}: {w}' for k, w in made.untranslated))}")
     if made.omitted:
         lines.append(f"restrictions: {scalar('; '.join(w for _, w in made.omitted))}")
-    lines += ["units: unchecked", *_ports(made.items.values()), *_declared(made)]
+    lines += ["units: unchecked", *_ports(made.items.values()), *_declared(made, defaults)]
     if made.equations:
         lines.append("equations: |")
         width = max((len(f.text(left)) for left, *_ in made.equations if len(f.text(left)) < 16), default=0)
         for left, right, comment in made.equations:
-            said = f"   # {' '.join(comment.split())}" if comment else ""
+            *before, beside = comment.split("\n")
+            lines += [f"  # {remark(text)}" for text in before]
+            said = f"   # {remark(beside)}" if beside else ""
             lines.append(f"  {f.text(left):<{width}} = {_side(right)}{said}")
     if made.events:
         lines.append("when:")
         for name_of, event in made.events.items():
-            instant = [(key, scalar_formula(formula)) for key, formula in event.when.items()]
-            values = mapping((n, scalar_formula(f.value_text(v))) for n, v in event.then.items())
-            lines.append(f"  {name_of}: {mapping([*instant, ('then', values)])}")
+            lines += _event(name_of, event)
     if any(item.kind == "bond" for item in made.items.values()):
         lines.append('power: "controlled, imported equations whose power balance is not checked"')
     return "\n".join(lines) + "\n"
+
+
+def _event(name: str, event: Event) -> list[str]:
+    """An event on one line, or on several where it is long."""
+    instant = [(key, scalar_formula(formula)) for key, formula in event.when.items()]
+    values = [(n, scalar_formula(f.value_text(v))) for n, v in event.then.items()]
+    line = f"  {name}: {mapping([*instant, ('then', mapping(values))])}"
+    if len(line) <= WIDTH:
+        return [line]
+    return [f"  {name}:", *(f"    {key}: {formula}" for key, formula in instant), "    then:",
+            *(f"      {key}: {formula}" for key, formula in values)]
+
+
+def remark(text: str) -> str:
+    """The text of a comment: printable, on one line."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
 def _side(expr: object) -> str:
@@ -104,6 +123,11 @@ def scalar_formula(text: str) -> str:
     return f'"{text}"'
 
 
+def _place(pixels: float) -> str:
+    """A coordinate of the drawing, to a tenth of its unit of 40 pixels."""
+    return f"{round(pixels / 40, 1) + 0.0:g}"
+
+
 def parts_text(made: Block, names: Mapping[int, str], values: Mapping[int, Iterable[tuple[str, str]]], x: float, y: float
                ) -> list[str]:
     """`components:` and `nodes:` of a block or diagram."""
@@ -112,11 +136,11 @@ def parts_text(made: Block, names: Mapping[int, str], values: Mapping[int, Itera
     for part in made.parts.values():
         entries = [("is", names[id(part.what)]), *values.get(id(part.what), ()),
                    *((n, v) for n, v in part.inputs.items()),
-                   ("at", f"[{(part.x - x) / 40:.4g}, {(y - part.y) / 40:.4g}]")]
+                   ("at", f"[{_place(part.x - x)}, {_place(y - part.y)}]")]
         lines.append(f"  {part.name + ':':<{width}} {mapping(entries)}")
     if made.nodes:
         lines.append("nodes:")
-        lines += [f"  {name}: [{', '.join(ends)}]" for name, ends in made.nodes.items()]
+        lines += [f"  {name}: [{', '.join(scalar(end) for end in ends)}]" for name, ends in made.nodes.items()]
     return lines
 
 
