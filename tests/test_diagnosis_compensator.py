@@ -11,9 +11,10 @@ from benchmarks.diagnosis.compensator import CASES, LEAKAGE, made
 from heavebond.diagnosis.attempt import attempt
 from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
-from heavebond.diagnosis.scoring import scored
+from heavebond.diagnosis.scoring import Base, scored, searched
 from heavebond.diagnosis.stage import fitted_base, make_stage
 from heavebond.estimation.fitting import fit
+from heavebond.numerics.simulator import Tolerances
 
 pytestmark = pytest.mark.long
 
@@ -56,6 +57,19 @@ def test_nodes_that_a_rope_joins_are_one_place(tmp_path: Path) -> None:
     for law in ("CoulombFriction", "StribeckFriction"):
         assert f"{law} between platform and falls" in found.twins[f"{law} between platform and crown"]
     assert not any("and drilling" in twin for label, twins in found.twins.items() if "platform" in label for twin in twins)
+
+
+def test_the_tangent_of_a_small_unit_is_as_exact_as_any_other(tmp_path: Path) -> None:
+    """1 N of friction is nothing to a machine of 100 t, and less than the integrator errs by: the tangent is that of runs of
+    a thousandth of the tolerance, to 2 %."""
+    experiment, _ = made(replace(CASES["friction"], seconds=12, rate=10), tmp_path)
+    quick, exact = (Base.at(problem, problem.start) for problem in (
+        searched(experiment), searched(experiment, Tolerances(1e-8, 1e-10))))
+    for candidate in single_candidates(experiment):
+        if candidate.label in ("CoulombFriction between platform and crown", "Damper between drilling.hook and falls"):
+            one, other = (next(s for s in scored(base, candidate) if s.side == 0) for base in (quick, exact))
+            assert one.size == pytest.approx(other.size, rel=0.02)
+            assert float(one.direction @ other.direction) > 1 - 0.02**2 / 2
 
 
 def test_what_the_integrator_errs_by_is_no_effect(tmp_path: Path) -> None:

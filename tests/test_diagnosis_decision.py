@@ -6,16 +6,20 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from heavebond.core.cancellation import clear_signal, time_limit
+from heavebond.diagnosis import verdict
 from heavebond.diagnosis.adequacy import Adequacy
 from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.confidence_set import block_length, confidence_set, resampled
 from heavebond.diagnosis.diagnosis import diagnose
 from heavebond.diagnosis.early_stopping import HOPE, MIDWAY, stop_inferior_starts
+from heavebond.diagnosis.places import Places
 from heavebond.diagnosis.predictive_errors import FITTED, SELECTION, TEST, Series, binned, cross_validated, predictive_errors
 from heavebond.diagnosis.refit import Refit, begun
 from heavebond.diagnosis.scoring import Base, scored, searched
@@ -213,3 +217,25 @@ def test_a_start_that_has_come_to_where_another_one_was_ends() -> None:
     assert enough(costs, np.array([0.5])) == ""
     assert enough([950.0, 850.0, 800.0, 702.0], np.array([0.51])) == ARRIVED
     assert enough([950.0, 850.0, 800.0, 702.0], np.array([0.6])) == ""  # as good, elsewhere
+
+
+def test_a_dormant_parameter_stands_where_its_equation_acts() -> None:
+    """The leakage of a piston is that between its chambers, and not one between its rod and its housing."""
+    experiment = load_experiment("cylinder_rig/leakage")
+    places, found = Places.of(experiment), {c.label: c for c in single_candidates(experiment)}
+    inside, between = found["Cylinder in cylinder (leakage)"], found["LaminarLeakage between chamber_a and chamber_b"]
+    assert places.place(inside) == places.place(between) != places.place(found["CoulombFriction between frame and load"])
+    spring = found["BilinearSpring in place of load_spring"]
+    assert places.place(spring) == places.place(found["CoulombFriction between frame and load"])
+
+
+def test_the_same_law_at_the_same_place_is_named_beside_the_answer() -> None:
+    """Once, and not as another answer; what is named as one already is not named again."""
+    def law(name: str) -> Any:
+        return SimpleNamespace(candidate=SimpleNamespace(attaches="across", kind="friction", place="at the wall",
+                                                         component=name, label=f"{name} at the wall"))
+
+    finding: Any = SimpleNamespace(candidate=law("Law").candidate, alternatives=(law("Law"), law("Other")))
+    step: Any = SimpleNamespace(twins={"Law at the wall": ("Law in the wall", "Other at the wall")})
+    assert verdict._same_laws([finding], [step]) == ["Law in the wall is the same law as friction at the wall (Law)."]
+    assert verdict._same_laws([finding], [SimpleNamespace(twins={})]) == []  # type: ignore[list-item]

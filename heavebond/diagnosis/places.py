@@ -1,8 +1,9 @@
 """Where effects stand, so that what is one place of the machine counts as one.
 
-A law in place of a part, in a part, and in parallel with it stands between the nodes of this part; one in series with a part
-is at one place on either side of it; a node and the same node with the surroundings are one place; nodes that move as one
-in the model are one node. What a sensor or an input does is at a place of its own.
+A law in place of a part and in parallel with it stands between the nodes of this part; a dormant parameter between those
+whose ports stand in the equations with it (the leakage of a piston between the chambers, and not at its rod); one in series
+with a part is at one place on either side of it; a node and the same node with the surroundings are one place; nodes that
+move as one in the model are one node. What a sensor or an input does is at a place of its own.
 """
 
 from __future__ import annotations
@@ -12,26 +13,31 @@ from dataclasses import dataclass, field
 
 from heavebond.diagnosis.catalogue import Candidate, Site, site_of
 from heavebond.estimation.experiment import Experiment
+from heavebond.language.definition import Component
+from heavebond.text.expression import names
 
 Place = tuple[str, frozenset[str], frozenset[str]]
 
 
 @dataclass(frozen=True)
 class Places:
-    """The nodes of each part of a diagram, the nodes that stand for the surroundings, and nodes that move as one, each with
-    the first of them."""
+    """The nodes of each part of a diagram by its ports, the nodes that stand for the surroundings, nodes that move as one,
+    each with the first of them, and the component of each part."""
 
-    parts: Mapping[str, frozenset[str]]
+    parts: Mapping[str, Mapping[str, str]]
     grounds: frozenset[str]
     as_one: Mapping[str, str] = field(default_factory=dict)
+    components: Mapping[str, Component] = field(default_factory=dict)
 
     @classmethod
     def of(cls, experiment: Experiment, as_one: Mapping[str, str] | None = None) -> Places:
         """The places of the diagram of an experiment."""
         site = site_of(experiment)
-        found = {leaf.path: frozenset(site.group(f"{leaf.path}.{port.name}").name for port in leaf.component.ports.values()
-                                      if port.count is None) for leaf in site.expanded.leaves.values()}
-        return cls(found, frozenset(name for domain in site.nodes for name in _grounds(site, domain)), as_one or {})
+        leaves = site.expanded.leaves.values()
+        found = {leaf.path: {port.name: site.group(f"{leaf.path}.{port.name}").name for port in leaf.component.ports.values()
+                             if port.count is None} for leaf in leaves}
+        return cls(found, frozenset(name for domain in site.nodes for name in _grounds(site, domain)), as_one or {},
+                   {leaf.path: leaf.component for leaf in leaves})
 
     def place(self, candidate: Candidate) -> Place:
         """Where a candidate stands: the same for two of them at one place."""
@@ -42,9 +48,27 @@ class Places:
             return "in series", frozenset(candidate.where), frozenset()
         # a node may have the name of a part
         parts = candidate.where[1:] if series else candidate.where if candidate.attaches in ("in", "replaces") else ()
-        nodes = set(candidate.where[:len(candidate.where) - len(parts)]).union(*(self.parts[name] for name in parts))
+        nodes = set(candidate.where[:len(candidate.where) - len(parts)])
+        nodes = nodes.union(*(self._nodes(candidate, part) for part in parts))
         moving = {self.as_one.get(name, name) for name in nodes - self.grounds}
         return "", frozenset(moving or nodes), frozenset(parts if series else ())
+
+    def _nodes(self, candidate: Candidate, part: str) -> set[str]:
+        """The nodes of a part between which a candidate stands that is in it, in its place or in series with it."""
+        ports = self.parts[part]
+        amplitudes = {n.name.rpartition(".")[2] for n in candidate.numbers if n.amplitude}
+        acting = _ports_beside(self.components[part], amplitudes) & ports.keys() if candidate.attaches == "in" else set()
+        return {ports[name] for name in acting or ports}
+
+
+def _ports_beside(component: Component, parameters: set[str]) -> set[str]:
+    """The ports of a component whose variables stand in one equation with one of these parameters."""
+    found = set()
+    for line in component.equations:
+        named = {name.text for side in (line.tree.left, line.tree.right) for name in names(side)}
+        if named & parameters:
+            found |= {text.partition(".")[0] for text in named if "." in text}
+    return found
 
 
 def _grounds(site: Site, domain: str) -> list[str]:

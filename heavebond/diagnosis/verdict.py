@@ -123,6 +123,7 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
     lines = [_mainly(findings, adequacy) if said == "mainly" and adequacy is not None else
              _beaten(findings, adequacy) if said == "shape" and adequacy is not None and adequacy.beaten else
              _WORDS[said](ladder, findings, steps, shape)]
+    lines += _same_laws(findings, steps)
     if adequacy is not None and (said == "mainly" or adequacy.beaten):
         lines += _yardstick(adequacy)
     short = [s.identity.blocks for s, f in zip(steps, findings, strict=False)
@@ -326,6 +327,19 @@ def _laws(findings: Sequence[AddedEffect]) -> str:
     laws = dict.fromkeys(t.candidate.component for f in findings for t in f.alternatives[1:]
                          if f.certain and t.candidate.component != f.candidate.component)
     return f" The records do not distinguish this law from {listing(laws, len(laws))} there." if laws else ""
+
+
+def _same_laws(findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> list[str]:
+    """What else in the catalogue is the law that was found, at the same place: `leakage` of a cylinder is `LaminarLeakage`
+    between its chambers."""
+    lines = []
+    for finding, step in zip(findings, steps, strict=False):
+        named = {t.candidate.label for t in finding.alternatives}
+        same = [label for label in step.twins.get(finding.candidate.label, ()) if label not in named]
+        if same:
+            lines.append(f"{listing(same, MENTIONED)} {'is' if len(same) == 1 else 'are'} the same law as "
+                         f"{called(finding.candidate)}.")
+    return lines
 
 
 def called(candidate: Candidate) -> str:
