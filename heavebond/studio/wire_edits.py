@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from heavebond.core.errors import Problem, UsageError, listing
@@ -30,7 +31,7 @@ def join_ports(diagram: Diagram, job: Job, action: Entry) -> Entry:
 
 def node_name(diagram: Diagram, ports: tuple[str, str]) -> str:
     """A name for a new node: that of a part with one port of power, a mass or a source, whose variables have other names
-    than those of the node; else the names of both parts."""
+    than those of the node; else `part_port` of the output, or of the first port."""
     parts = list(dict.fromkeys(port.partition(".")[0] for port in ports))
     domain = diagram.model.library.domains.get(next(filter(None, (_port_facts(diagram, port)[0] for port in ports)), ""))
     if domain is not None:
@@ -39,7 +40,8 @@ def node_name(diagram: Diagram, ports: tuple[str, str]) -> str:
             single = part in diagram.expanded.leaves and len(diagram.expanded.leaves[part].component.ports) == 1
             if single and part not in diagram.model.body.wires and not own & diagram.named(part).members:
                 return part
-    return free_name("_".join(parts), diagram.taken)
+    named = next((port for port in ports if _port_facts(diagram, port)[1]), ports[0])
+    return free_name(re.sub(r"\W+", "_", named).strip("_"), diagram.taken)
 
 
 def _added(diagram: Diagram, node: str, port: str) -> str:
@@ -85,8 +87,8 @@ def why_not(diagram: Diagram, one: str, two: str) -> str:
         return (f"'{one}' is {_a(first)} port and '{two}' {_a(second)} port: a signal acts through a source (ForceSource, "
                 "FlowSource, ...) and comes from a sensor")
     if first and second and first != second:
-        return (f"'{one}' is {_a(first)} port and '{two}' {_a(second)} port; a component such as a Cylinder goes from one "
-                "domain to another")
+        return (f"'{one}' is {_a(first)} port and '{two}' {_a(second)} port. What couples the two domains is found in the "
+                f"library by the words '{first} {second}'")
     if out and drives:
         return f"'{one}' and '{two}' are both outputs; a signal has exactly one. Add them with a Sum"
     for port in (one, two):

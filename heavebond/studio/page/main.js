@@ -16,6 +16,7 @@ import { Machine } from "./machine.js";
 import { Palette } from "./palette.js";
 import { Panel } from "./panel.js";
 import { RecordFiles } from "./records.js";
+import { isUnconnected } from "./results.js";
 import { Runs } from "./runs.js";
 import { splitters } from "./splitters.js";
 import { Wiring } from "./wiring.js";
@@ -224,7 +225,7 @@ class Studio {
     byId("stale").hidden = drawn || !this.view.svg;
     this.editor.mark(told.problems);
     // a port that is not connected is marked itself
-    this.diagram.blame(told.problems.filter((/** @type {any} */ p) => p.part && !/^(port|input)-unconnected$/.test(p.code)).map((/** @type {any} */ p) => p.part));
+    this.diagram.blame(told.problems.filter((/** @type {any} */ p) => p.part && !isUnconnected(p)).map((/** @type {any} */ p) => p.part));
     this.showProblems(told.problems);
     if (drawn && text === this.editor.text) this.tidy();
     this.evidence.recognise(this.view);
@@ -252,7 +253,7 @@ class Studio {
 
   /** @param {any[]} problems */
   showProblems(problems) {
-    const loose = problems.filter((p) => /^(port|input)-unconnected$/.test(p.code)), many = loose.length > FEW ? loose : [];
+    const loose = problems.filter(isUnconnected), many = loose.length > FEW ? loose : [];
     const item = (/** @type {any} */ p) => el("li", {}, el("button", { class: "problem", onclick: () => {
       if (p.line) this.editor.show(p.line, true);
       if (p.part) this.pick("part", p.part);

@@ -1,7 +1,7 @@
 // What is known of the selected part, wire or diagram: its parameters with sliders, its signals.
 
 import { askName, byId, el, number, unitLabel } from "./dom.js";
-import { problemList } from "./results.js";
+import { isUnconnected, problemList } from "./results.js";
 
 const TICKS = 1000;
 
@@ -42,7 +42,7 @@ export class Panel {
   /** @param {string} path @param {any} part @param {any} view */
   part(path, part, view) {
     const open = view.opened.includes(path);
-    return [...this.studio.edits.tools(path), ...problemList(view.problems.filter((/** @type {any} */ p) => p.part === path)), el("p", {}, el("button", { class: "plain", title: "Read about the component", onclick: () => this.about(part.kind) }, part.kind), ` ${part.summary}`),
+    return [...this.studio.edits.tools(path), ...problemList(view.problems.filter((/** @type {any} */ p) => p.part === path && !isUnconnected(p))), el("p", {}, el("button", { class: "plain", title: "Read about the component", onclick: () => this.about(part.kind) }, part.kind), ` ${part.summary}`),
       part.block && el("button", { id: "open-block", onclick: () => this.studio.openBlock(path) }, open ? "Close the block (O)" : "Open the block (O)"),
       part.file && el("button", { id: "edit-block", title: `Open ${part.file}, where this component is described (E)`, onclick: () => this.studio.editBlock(path) }, part.block ? "Edit the block (E)" : "Edit the component (E)"),
       ...this.owner(path, view),

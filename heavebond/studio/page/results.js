@@ -26,6 +26,9 @@ function notes(rows) {
   return el("dl", { class: "noticed", "aria-label": "noticed" }, ...parts);
 }
 
+/** Whether a port or an input is not connected yet, which its own mark on the drawing tells. @param {any} problem */
+export const isUnconnected = (problem) => /^(port|input)-unconnected$/.test(problem.code);
+
 /** What went wrong, in the words of the command line. @param {any[]} problems */
 export function problemList(problems) {
   return problems.map((p) => el("div", { class: "verdict" }, el("b", {}, ...message(p.message)), ...[...(p.notes ?? []), p.hint].filter(Boolean).map((t) => el("div", { class: "hint" }, ...message(t)))));

@@ -59,12 +59,12 @@ export class Wiring {
   names(parts) {
     for (const found of this.layer?.querySelectorAll(".port-name") ?? []) found.remove();
     for (const port of parts.length ? this.ports.values() : []) {
-      if (!port.value && parts.includes(port.path.split(".")[0])) this.layer?.append(...port.at.map((/** @type {any[]} */ [x, y, side]) => this.label(port.name, x, y, side)));
+      if (!port.value && parts.includes(port.path.split(".")[0])) this.layer?.append(this.label(port.name, port.at[0]));
     }
   }
 
-  /** @param {string} name @param {number} x @param {number} y @param {string} side */
-  label(name, x, y, side) {
+  /** @param {string} name @param {any[]} at x, y and the side of the part */
+  label(name, [x, y, side]) {
     const text = document.createElementNS(SVG, "text"), [dx, dy, anchor] = BESIDE[side] ?? BESIDE.right;
     for (const [key, value] of [["x", x + dx], ["y", y + dy], ["text-anchor", anchor], ["class", "port-name"], ["aria-hidden", "true"]]) text.setAttribute(String(key), String(value));
     text.textContent = name;
