@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 import heavebond as hb
 from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, Problems, suggest
-from heavebond.language.library import bundled
+from heavebond.language.library import bundled, library
+from heavebond.language.near_names import near_components
 from heavebond.text.yaml_source import Mapping, Scalar, Sequence, parse, read
 
 SLIDER = """\
@@ -202,6 +203,14 @@ def test_suggestions() -> None:
     assert suggest("valve", ["spring"]) == ""
     assert suggest("K_p", ["wave.a", "controller.K_p", "k"]) == "Did you mean 'controller.K_p'?"
     assert suggest("lineA.p", ["lineB.a.p", "lineA.p_a", "lineA.a.p"]) == "Did you mean 'lineA.a.p'?"
+
+
+@pytest.mark.parametrize(("name", "begin"), [
+    ("HydraulicCylinder", "'Cylinder'?"), ("PIController", "'PID'"), ("Ground", "'Fixed'"), ("Gearbox", "'Gear'"),
+    ("RotationalSpring", "'TorsionSpring'"), ("TorsionSprng", "'TorsionSpring'"), ("Limiter", "'Saturation'?"),
+])
+def test_components_are_found_by_what_they_are(name: str, begin: str) -> None:
+    assert near_components(name, library().files).startswith(f"Did you mean {begin}")
 
 
 # -- any text --------------------------------------------------------------------------------------------------------

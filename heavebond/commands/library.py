@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from heavebond.commands.arguments import json_option
-from heavebond.core.errors import HeavebondError, ModelError, Problem, Problems, UsageError, suggest
+from heavebond.core.errors import HeavebondError, ModelError, Problem, Problems, UsageError
 
 if TYPE_CHECKING:
     from heavebond.language.definition import Component, Parameter, Variable
@@ -60,6 +60,7 @@ def _list(known: Library, wanted: str = "") -> dict[str, object]:
     from heavebond.commands.terminal import output
     from heavebond.core.presentation import columns
     from heavebond.language.library import bundled
+    from heavebond.language.near_names import near_components
     from heavebond.text.expression import ExpressionProblem
 
     problems = Problems()
@@ -87,8 +88,7 @@ def _list(known: Library, wanted: str = "") -> dict[str, object]:
     if wanted and not folders and not functions:
         said = f"there is no component '{wanted}', and none with this in its summary"
         raise UsageError([Problem("component-unknown", said, None,
-                                  suggest(wanted, [*known.files, *known.functions]) or
-                                  "`heavebond library` lists every component.")])
+                                  near_components(wanted, {**known.files, **known.functions.files}))])
     console = output()
     for folder, summaries in [*folders.items(), *([("functions", functions)] if functions else [])]:
         console.print(folder, style="bold")

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
-from heavebond.core.errors import ModelError, Place, Problem, Problems, either, suggest
+from heavebond.core.errors import ModelError, Place, Problem, Problems, either
 from heavebond.core.units import DIMENSIONLESS
 from heavebond.language import laws, reading
 from heavebond.language.component_file import parse_component
@@ -17,6 +17,7 @@ from heavebond.language.definition import Component, Domain, Member
 from heavebond.language.fmu_description import described
 from heavebond.language.function_file import parse_function
 from heavebond.language.lists import Same
+from heavebond.language.near_names import near_components
 from heavebond.text.expression import Expr, ExpressionProblem, Function, calling, constant, functions_in, parse_formula
 from heavebond.text.yaml_source import Mapping, Scalar, parse, read, read_text, short_path
 
@@ -114,7 +115,7 @@ class Library:
     def component(self, name: str, place: Place | None = None) -> Component:
         """The component called `name`; ModelError with near names where there is none."""
         if name not in self.files:
-            hint = suggest(name, self.files) or "`heavebond library` lists every component."
+            hint = near_components(name, self.files)
             raise ModelError([Problem("component-unknown", f"there is no component '{name}'", place, hint)])
         if name in self.twice:
             files = either(p.name for p in self.twice[name])
