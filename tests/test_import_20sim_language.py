@@ -13,6 +13,7 @@ from test_import_20sim_models import block, imported, one, part
 
 import heavebond as hb
 from heavebond.cli import main
+from heavebond.core.errors import ModelError
 from heavebond.import_20sim.importer import import_emx
 from heavebond.language.library import library
 
@@ -225,3 +226,24 @@ def test_discrete_signals_keep_their_values_between_samples(tmp_path: Path) -> N
     for name, values in zip(plotted, kept, strict=True):
         assert run.display[name.replace("\\", "_")] == pytest.approx(values, abs=1e-6), name
     assert n == 15
+
+
+def test_a_model_of_equations_alone_is_a_part(tmp_path: Path) -> None:
+    """Without submodels, and without anything; the experiment names its quantities without a path."""
+    text = ("<Document><Model><Sidops>model 0 0 type Mainmodel end; implementation eq\nparameters\n real k = 3;\nvariables\n"
+            " real y;\nequations\n y = int (-k * y, 1);\nimplementation_end;</Sidops></Model><Experiment><Parameters>"
+            "<Variable><Name>k</Name><Value>2</Value></Variable></Parameters><YCurveData><VarName>y</VarName></YCurveData>"
+            "<FinishTime>2</FinishTime></Experiment></Document>")
+    run = run_part(tmp_path, text)
+    assert run.display["cart_y"] == pytest.approx(np.exp(-2 * run.time), rel=1e-6)
+    (tmp_path / "cart.emx").write_text(text[:text.index("implementation eq")] + "</Sidops></Model></Document>")
+    with pytest.raises(ModelError, match="no submodels and no equations"):
+        import_emx(tmp_path / "cart.emx")
+
+
+def test_collected_signals_are_a_vector(tmp_path: Path) -> None:
+    parts = part("A", "signal out y", "equations\n y = time;") + part("B", "signal out y", "equations\n y = 2 - time;") + \
+        part("Mux", "signal knot duplicatable in input [1]; signal out output [2]; signal out most", "equations\n"
+             " output = collect (input);\n most = max (collect (input));", knot=True)
+    run = imported(tmp_path, parts, "A\\y -> Mux\\input; B\\y -> Mux\\input", 2.0)
+    assert run["Mux.output_2"] == pytest.approx(2 - run.time) and run["Mux.most"] == pytest.approx(1 + abs(run.time - 1))

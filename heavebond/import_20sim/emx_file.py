@@ -33,6 +33,13 @@ class EmxFile:
     texts: dict[str, str] = field(default_factory=dict)  # parameters that are texts, such as names of files
     plotted: list[str] = field(default_factory=list)
 
+    def within(self, part: str) -> None:
+        """Name the quantities as those of a part, beside the global ones."""
+        for values in (self.parameters, self.initials):
+            values.update({f"{part}\\{name}": value for name, value in values.items()})
+        self.texts.update({f"{part}\\{name}": text for name, text in self.texts.items()})
+        self.plotted = [f"{part}\\{name}" for name in self.plotted]
+
 
 class _Handler:
     """Collects the texts of the elements that the importer uses."""

@@ -159,7 +159,7 @@ class Evaluator:
 
     def _call(self, expr: Expr) -> Matrix:
         name = expr.name.lower()
-        if name in ("sum", "mul", "first") and (at_knot := self.knots(expr)) is not None:
+        if name in ("sum", "mul", "first", "collect") and (at_knot := self.knots(expr)) is not None:
             return at_knot
         if name == "table" and len(expr.args) == 2:
             return [[self.table(expr.args[0], self.scalar(expr.args[1]))]]

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from heavebond.core.errors import Place, Problem
+from heavebond.core.errors import ModelError, Place, Problem
 from heavebond.core.quoting import file_stem
 from heavebond.core.writable import write_text
 from heavebond.import_20sim.block import Block, Part, Translator
@@ -74,12 +74,16 @@ def import_emx(path: Path, library: frozenset[str] = frozenset()) -> Imported:
     """Translate a file; `library` holds the names of components that the result must not take. Raises ModelError."""
     emx = read_emx(path)
     root = parse_sidops(emx.sidops, path.name, emx.first_line)
-    if root.ports:  # the inputs and outputs of the whole model: they belong to a part
+    if root.ports or root.equations is not None:  # the whole model is a part
         root.name = path.stem
+        emx.within(identifier(path.stem))
         root = Submodel("model", root.line, submodels=[root])
     comments = tokenise(emx.sidops, path.name, emx.first_line).comments
     translator = Translator(emx, comments, library, sampling(root))
     top = translator.block(root, "", "")
+    if not top.parts:
+        why = "the model has no submodels and no equations"
+        raise ModelError([Problem("emx-structure", why, Place(path.name, root.line))])
     translator.finish()
     return _Writer(emx, translator, top, library).imported()
 

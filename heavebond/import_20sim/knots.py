@@ -27,6 +27,8 @@ def knot_value(symbols: Symbols, expr: Expr) -> Matrix | None:
         return _total(collected(symbols, expr.args[0]), expr.args[0].name.lower() == "direct")
     if name == "mul" and expr.args and expr.args[0].op == "call" and expr.args[0].name.lower() == "collect":
         return _product([matrix for _, matrix in collected(symbols, expr.args[0])])
+    if name == "collect" and expr.args and expr.args[0].name.partition(".")[0] in symbols.many:
+        return [row for _, matrix in collected(symbols, expr) for row in matrix] or None
     if name == "first" and expr.args and expr.args[0].name.partition(".")[0] in symbols.many:
         found = collected(symbols, expr)
         return found[0][1] if found else [[f.number(0)]]
