@@ -83,7 +83,7 @@ def operating_time(at: str | None, steady: bool) -> str | None:
 
 def picture_option(words: str) -> Callable[[Command], Command]:
     """--output PICTURE."""
-    return click.option("--output", metavar="PICTURE", type=click.Path(path_type=Path),
+    return click.option("-o", "--output", metavar="PICTURE", type=click.Path(path_type=Path),
                         help=f"{words} (.png, .svg or .pdf).")
 
 

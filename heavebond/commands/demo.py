@@ -64,7 +64,7 @@ def _largest(values: Array) -> float:
 
 
 @click.command(short_help="Run the crown-mounted compensator in two seas.")
-@click.option("--output", metavar="FOLDER", type=click.Path(path_type=Path), required=True,
+@click.option("-o", "--output", metavar="FOLDER", type=click.Path(path_type=Path), required=True,
               help="Folder for the pictures; created if it does not exist.")
 @json_option
 def demo(output: Path) -> dict[str, object]:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Run a study: many cases tuned, evaluated and compared with published numbers.")
 @click.argument("file", metavar="STUDY")
-@click.option("--output", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
+@click.option("-o", "--output", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Where tables and pictures go [default: a folder of the study's name].")
 @click.option("--processes", type=Whole(1), help="Number of cases that run in parallel [default: all processors].")
 @click.option("--fresh", is_flag=True, help="Run all cases again, also those that are complete.")

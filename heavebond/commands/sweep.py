@@ -28,7 +28,7 @@ from heavebond.core.writable import write_text
 @click.option("--from", "begin", metavar="TIME", default="", help="Start of the evaluated time, e.g. --from '72 s'.")
 @click.option("--until", "end", metavar="TIME", default="", help="End time of each simulation.")
 @click.option("--plot", "plotted", metavar="SIGNAL", multiple=True, help="Draw a signal of all cases. May be repeated.")
-@click.option("--output", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
+@click.option("-o", "--output", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Where study, tables and pictures go [default: a folder MODEL_sweep].")
 @click.option("--processes", type=Whole(1), help="Number of cases that run in parallel [default: all processors].")
 @click.option("--fresh", is_flag=True, help="Run all cases again, also those that are complete.")

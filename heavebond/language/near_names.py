@@ -18,8 +18,8 @@ LISTED = 4
 MEANS = {
     "ground": "fixed ground", "earth": "fixed ground", "limiter": "saturation", "heater": "heat", "cable": "rope",
     "capacitance": "capacitor", "inductance": "inductor", "ram": "cylinder", "jack": "cylinder", "coupling": "clutch",
-    "bottle": "accumulator receiver", "vessel": "tank receiver", "bulk": "volume", "gearbox": "gear", "bumper": "stop",
-    "stiction": "friction", "pipeline": "line", "wheel": "wheel tyre pulley", "reservoir": "tank reservoir",
+    "bottle": "accumulator receiver", "vessel": "tank receiver", "bulk": "volume", "gearbox": "gear", "gravity": "weight",
+    "bumper": "stop", "stiction": "friction", "wheel": "wheel tyre pulley", "reservoir": "tank reservoir",
 }
 
 
