@@ -11,7 +11,17 @@ import pytest
 
 import heavebond as hb
 from heavebond.equations.block_solver import explicit
-from heavebond.language.incidence import DEFINITE, INDEFINITE, NONLINEAR, NUMBER, PARAMETER, UNIT, classify
+from heavebond.language.incidence import (
+    DEFINITE,
+    INDEFINITE,
+    NONLINEAR,
+    NUMBER,
+    PARAMETER,
+    UNIT,
+    classify,
+    interval,
+    intervals,
+)
 
 x, y, p, volume = (ca.SX.sym(name) for name in ("x", "y", "p", "V"))
 
@@ -89,3 +99,16 @@ def test_what_only_a_comparison_needs_is_evaluated_before_it(tmp_path: Path) -> 
     (tmp_path / "relay.yaml").write_text(RELAY)
     result = hb.simulate(hb.loads(PUSHED, tmp_path))
     assert result["load.v"][-1] == pytest.approx(1.0, rel=1e-6)  # on for one second of two
+
+
+def test_intervals_of_expressions_that_share_parts_are_those_of_each() -> None:
+    """A chain of rotations: the entries of its product are walked once, and keep the intervals that each has alone."""
+    angles = ca.SX.sym("q", 4)
+    bounds = {angles[0].element_hash(): (0.1, 0.2)}
+    product = ca.SX.eye(2)
+    for k in range(4):
+        turned = ca.vertcat(ca.horzcat(ca.cos(angles[k]), angles[k]), ca.horzcat(-angles[0], ca.fabs(angles[k])))
+        product = ca.mtimes(product, turned)
+    entries = [*ca.vertsplit(ca.vec(product)), ca.SX(0), angles[0] * angles[0], 1 / angles[0]]
+    assert intervals(entries, bounds) == [interval(e, bounds) for e in entries]
+    assert intervals([], bounds) == []

@@ -43,9 +43,11 @@ def classify(residuals: ca.SX, unknowns: ca.SX, constants: set[int], bounds: Map
     row_of, column_of = jacobian.sparsity().get_triplet()
     # CasADi's stubs call the entries SXElem; they are scalar SX
     coefficients = cast(list[ca.SX], jacobian.nonzeros())
-    for entry, row, column in zip(coefficients, row_of, column_of, strict=True):
-        kind = NONLINEAR if (row, column) in stepped else _kind(entry, own[column], constants, bounds)
-        rows[row].append(Entry(column, kind, entry))
+    kinds = [NONLINEAR if (row, column) in stepped else _kind(entry, own[column], constants)
+             for entry, row, column in zip(coefficients, row_of, column_of, strict=True)]
+    signs = iter(intervals([e for e, kind in zip(coefficients, kinds, strict=True) if kind is None], bounds))
+    for entry, kind, row, column in zip(coefficients, kinds, row_of, column_of, strict=True):
+        rows[row].append(Entry(column, _sign(next(signs)) if kind is None else kind, entry))
     return rows
 
 
@@ -82,16 +84,19 @@ def _stepped(residuals: ca.SX, unknowns: ca.SX) -> set[tuple[int, int]]:
     return found
 
 
-def _kind(coefficient: ca.SX, unknown: int, constants: set[int], bounds: Mapping[int, Interval]) -> int:
+def _kind(coefficient: ca.SX, unknown: int, constants: set[int]) -> int | None:
+    """The kind of a coefficient; None where its interval decides."""
     if coefficient.is_constant():
         size = abs(float(coefficient))
         return NONLINEAR if size == 0 else UNIT if size == 1 else NUMBER
     hashes = {s.element_hash() for s in ca.symvar(coefficient)}
     if hashes <= constants:
         return PARAMETER
-    if unknown in hashes:
-        return NONLINEAR
-    low, high = interval(coefficient, bounds)
+    return NONLINEAR if unknown in hashes else None
+
+
+def _sign(found: Interval) -> int:
+    low, high = found
     return DEFINITE if low >= 0 or high <= 0 else INDEFINITE
 
 
@@ -101,15 +106,25 @@ REACHED = 1e-200
 
 def interval(expression: ca.SX, bounds: Mapping[int, Interval]) -> Interval:
     """An interval that surely holds the scalar `expression` while its symbols keep to their `bounds`."""
-    symbols = ca.symvar(expression)
-    function = ca.Function("f", [stack(symbols)], [expression])
+    return intervals([expression], bounds)[0]
+
+
+def intervals(expressions: Sequence[ca.SX], bounds: Mapping[int, Interval]) -> list[Interval]:
+    """The interval of each scalar expression; what they share is visited once."""
+    if not expressions:
+        return []
+    together = stack(expressions)
+    symbols = ca.symvar(together)
+    function = ca.Function("f", [stack(symbols)], [together])
+    results = [(0.0, 0.0)] * len(expressions)  # a structural zero has no instruction
     work: dict[int, Interval] = {}
     factors: dict[int, _Factors] = {}  # of each place of the work vector
     for k in range(function.n_instructions()):
         op, product = function.instruction_id(k), None
         inputs, outputs = function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_OUTPUT:
-            return work[inputs[0]]
+            results[outputs[1]] = work[inputs[0]]
+            continue
         if op == ca.OP_INPUT:
             work[outputs[0]] = bounds.get(symbols[inputs[1]].element_hash(), EVERYTHING)
         elif op == ca.OP_CONST:
@@ -122,7 +137,7 @@ def interval(expression: ca.SX, bounds: Mapping[int, Interval]) -> Interval:
                 found = product.narrowed(found)
             work[outputs[0]] = found
         factors[outputs[0]] = product if product is not None else _Factors(1.0, {k: (work[outputs[0]], 1)})
-    return EVERYTHING
+    return results
 
 
 # products of more different factors are not looked at for squares
