@@ -126,10 +126,11 @@ class Tab:
             self.mouse("Pressed", x, y, button="left", clickCount=k + 1)
             self.mouse("Released", x, y, button="left", clickCount=k + 1)
 
-    def key(self, key: str, *, ctrl: bool = False, alt: bool = False, code: int = 0, text: str = "") -> None:
+    def key(self, key: str, *, ctrl: bool = False, alt: bool = False, shift: bool = False, code: int = 0,
+            text: str = "") -> None:
         """Press a key and let it go; `code` is its number on Windows, by which the browser knows Tab, Enter and arrows."""
-        more = {"key": key, "modifiers": 2 * ctrl + alt, "windowsVirtualKeyCode": code or (ord(key.upper()) if len(key) == 1
-                                                                                         else 0)}
+        number = code or (ord(key.upper()) if len(key) == 1 else 0)
+        more = {"key": key, "modifiers": 2 * ctrl + alt + 8 * shift, "windowsVirtualKeyCode": number}
         self.call("Input.dispatchKeyEvent", type="keyDown", **more, **({"text": text} if text else {}))
         self.call("Input.dispatchKeyEvent", type="keyUp", **more)
 

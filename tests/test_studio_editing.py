@@ -292,6 +292,10 @@ def test_parts_are_selected_together_and_moved_copied_and_deleted(tab: browser.T
     tab.mouse("Pressed", x, y, button="left", clickCount=1, modifiers=8)  # Shift and a click takes one away
     tab.mouse("Released", x, y, button="left", clickCount=1, modifiers=8)
     assert sorted(tab.run("studio.chosen")) == ["tyre", "wheel"]
+    for chosen in (["tyre", "wheel", "wheel_weight"], ["tyre", "wheel"]):  # the same by the keyboard
+        tab.run("document.querySelector('g.part[data-part=wheel_weight]').focus()")
+        tab.key("Enter", shift=True, code=13)
+        assert sorted(tab.run("studio.chosen")) == chosen
     tab.run("document.getElementById('sheet').focus()")
     tab.key("d", ctrl=True)
     _settled(tab, "studio.chosen.includes('tyre2') && studio.chosen.includes('wheel2')")

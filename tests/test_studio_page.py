@@ -138,6 +138,35 @@ def test_a_slider_runs_while_it_moves_and_runs_are_laid_over_each_other(tab: bro
     tab.click("#csv")
     rows = tab.wait("saved[0]").splitlines()
     assert len(rows) == 2002 and rows[0].startswith("time (run 1) [s],body (run 1) [m]") and "body (now) [m]" in rows[0]
+    tab.run("window.picture = null; "
+            "URL.createObjectURL = blob => (createImageBitmap(blob).then(p => picture = p), 'data:,')")
+    tab.click("#png")
+    tab.wait("picture?.width > 300 && picture.height > 150 * studio.runs.plots.charts.length")
+    _zoomed(tab)
+
+
+def _zoomed(tab: browser.Tab) -> None:
+    """In time, by the mouse and by keys: all charts together."""
+    scales = "studio.runs.plots.charts.map(c => [c.scales.x.min, c.scales.x.max])"
+    whole = tab.run(scales)
+    assert len(whole) > 1
+    x, y, width = tab.run("(() => { const b = document.querySelector('.u-over').getBoundingClientRect(); "
+                          "return [b.x, b.y + b.height / 2, b.width]; })()")
+    tab.mouse("Pressed", x + 0.25 * width, y, button="left", clickCount=1)
+    tab.mouse("Moved", x + 0.4 * width, y, button="left")
+    tab.mouse("Moved", x + 0.5 * width, y, button="left")
+    tab.mouse("Released", x + 0.5 * width, y, button="left", clickCount=1)
+    tab.wait(f"{scales}[0][0] > 0.5")
+    seen = tab.run(scales)
+    assert seen == [seen[0]] * len(whole) and seen[0] == pytest.approx([1, 2], abs=0.05)
+    tab.run("document.querySelector('.chart').focus()")
+    tab.key("0", code=48)
+    tab.wait(f"JSON.stringify({scales}) === JSON.stringify({json.dumps(whole)})")
+    tab.key("+")
+    tab.key("ArrowRight", code=39)
+    tab.wait(f"{scales}[0][0] > 0")
+    seen = tab.run(scales)
+    assert seen == [seen[0]] * len(whole) and seen[0][1] - seen[0][0] < 3
 
 
 def test_a_mistake_is_shown_at_its_line_and_part_and_saving_changes_what_was_typed(tab: browser.Tab, server: Server) -> None:

@@ -2,7 +2,7 @@
 
 import uPlot from "./vendor/uPlot.js";
 import { el, number, unitLabel } from "./dom.js";
-import { BRIGHT, COLOURS } from "./plots.js";
+import { BRIGHT, COLOURS, zoomByKeys } from "./plots.js";
 
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 const MOST = 6000; // points of a cloud that are drawn
@@ -55,13 +55,15 @@ export function timeChart(place, given) {
   };
   const value = (/** @type {any} */ _, /** @type {number} */ v) => v === null || v === undefined ? "—" : number(v);
   const bands = given.band ? [{ series: given.band, fill: fade(given.lines[given.band[0] - 1].colour) }] : [];
-  return new (/** @type {any} */ (uPlot))({
+  const chart = new (/** @type {any} */ (uPlot))({
     width: Math.max(200, place.clientWidth - 26), height: given.height, cursor: { sync: { key: given.sync }, drag: { x: true, y: false } }, scales: { x: { time: false } },
     legend: { markers: { width: 2 } }, hooks: { drawClear: [shade] }, bands,
     axes: [{ ...axis, size: 30, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => `${number(t)} s`) }, y],
     series: [{ label: "time", value: (/** @type {any} */ _, /** @type {number} */ v) => v === null || v === undefined ? "—" : `${number(v)} s` },
       ...given.lines.map((line) => ({ label: line.label, stroke: line.colour, width: line.width ?? 1.5, dash: line.dash, spanGaps: true, value, points: { show: false } }))],
   }, [given.time, ...given.lines.map((line) => line.values)], box);
+  zoomByKeys(box, chart, given.sync);
+  return chart;
 }
 
 /** A colour, pale. @param {string} colour */

@@ -211,6 +211,8 @@ export class Diagram {
       else this.studio.wiring.begin(port);
       return;
     }
+    const part = /** @type {any} */ (event.target)?.closest?.("g.part")?.getAttribute("data-part");
+    if (part && !part.includes(".") && event.key === "Enter" && event.shiftKey) { event.preventDefault(); this.studio.chooseToo(part); return; }
     if (this.studio.edits.possible && this.studio.edits.key(event)) return;
     if (event.ctrlKey || event.altKey || event.metaKey) return;
     /** @type {Record<string, () => void>} */

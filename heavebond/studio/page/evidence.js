@@ -3,7 +3,7 @@
 import { cloud, look, onDark, timeChart } from "./charts.js";
 import { byId, el, number, unitLabel } from "./dom.js";
 import { Jobs } from "./jobs.js";
-import { problemList, resultItems } from "./results.js";
+import { problemList, problemsOf, resultItems } from "./results.js";
 
 /** @type {Record<string, string>} */
 const TABS = { records: "Records", residual: "Residual", fit: "Estimate", where: "Locate", diagnose: "Diagnose" };
@@ -194,7 +194,7 @@ export class Evidence {
     const problems = this.studio.view?.problems ?? [];
     if (this.active && problems.length) return (place) => place.append(el("p", { class: "empty" }, "The experiment cannot be read yet: its problems stand below the text."));
     if (this.tab === "records" || this.tab === "residual") {
-      if (this.failed) return (place) => place.append(...problemList(this.failed.problems ?? [{ message: this.failed.message }]));
+      if (this.failed) return (place) => place.append(...problemList(problemsOf(this.failed)));
       if (!this.told) return (place) => place.append(el("p", { class: "empty" }, "Simulating the records…"));
       return this.tab === "records" ? this.records(here) : this.residual(here);
     }

@@ -71,11 +71,12 @@ export class Handling {
     }, () => frame.remove());
   }
 
-  /** Several parts, led by one of them. @param {PointerEvent} event @param {string} part */
-  dragAll(event, part) {
-    const { diagram, edits, view, chosen } = this.studio, start = diagram.point(event), { grid } = view;
-    const groups = chosen.map((/** @type {string} */ name) => ({ group: diagram.group(name), x: grid.xs[grid.cells[name][0]], y: grid.ys[grid.cells[name][1]], was: diagram.group(name).getAttribute("transform") }));
-    const [x0, y0] = [grid.xs[grid.cells[part][0]], grid.ys[grid.cells[part][1]]];
+  /** A part, with all that are selected together with it. @param {PointerEvent} event @param {string} part */
+  drag(event, part) {
+    const { diagram, edits, view: { grid }, chosen } = this.studio, start = diagram.point(event), together = chosen.includes(part);
+    const place = (/** @type {string} */ name) => [grid.xs[grid.cells[name][0]], grid.ys[grid.cells[name][1]]], [x0, y0] = place(part);
+    const groups = (together ? chosen : [part]).map((/** @type {string} */ name) => ({ group: diagram.group(name), at: place(name), was: diagram.group(name).getAttribute("transform") }));
+    const free = together ? { ...grid, cells: { [part]: grid.cells[part] } } : grid; // all move, so no cell is taken
     /** @type {any} */ let guides = null;
     /** @type {any} */ let cell = null;
     const end = () => { guides?.end(); for (const { group, was } of groups) { group.setAttribute("transform", was); group.classList.remove("dragged"); } this.sheet.classList.remove("dragging"); };
@@ -83,36 +84,13 @@ export class Handling {
       if (!guides && Math.hypot(move.clientX - event.clientX, move.clientY - event.clientY) < SLACK) return;
       if (!guides) { guides = new Guides(diagram.svg); for (const { group } of groups) group.classList.add("dragged"); this.sheet.classList.add("dragging"); }
       const { x, y } = diagram.point(move), dx = x - start.x, dy = y - start.y;
-      for (const g of groups) g.group.setAttribute("transform", `translate(${g.x + dx} ${g.y + dy})`);
-      cell = cellAt({ ...grid, cells: { [part]: grid.cells[part] } }, x0 + dx, y0 + dy, part);
+      for (const { group, at } of groups) group.setAttribute("transform", `translate(${at[0] + dx} ${at[1] + dy})`);
+      cell = cellAt(free, x0 + dx, y0 + dy, part);
       guides.show(cell);
     }, () => {
       end();
       if (!cell) diagram.choose(diagram.group(part));
-      else if (!cell.same) void edits.act({ act: "move_parts", parts: chosen, part, column: cell.column, row: cell.row });
-    }, end);
-  }
-
-  /** @param {PointerEvent} event @param {string} part */
-  drag(event, part) {
-    if (this.studio.chosen.includes(part)) { this.dragAll(event, part); return; }
-    const { diagram, edits, view } = this.studio, group = diagram.group(part);
-    const start = diagram.point(event), [x0, y0] = [view.grid.xs[view.grid.cells[part][0]], view.grid.ys[view.grid.cells[part][1]]];
-    const was = group.getAttribute("transform");
-    /** @type {any} */ let guides = null;
-    /** @type {any} */ let cell = null;
-    const end = () => { guides?.end(); group.setAttribute("transform", was); group.classList.remove("dragged"); this.sheet.classList.remove("dragging"); };
-    this.follow(event, (move) => {
-      if (!guides && Math.hypot(move.clientX - event.clientX, move.clientY - event.clientY) < SLACK) return;
-      if (!guides) { guides = new Guides(diagram.svg); group.classList.add("dragged"); this.sheet.classList.add("dragging"); }
-      const { x, y } = diagram.point(move), dx = x - start.x, dy = y - start.y;
-      group.setAttribute("transform", `translate(${x0 + dx} ${y0 + dy})`);
-      cell = cellAt(view.grid, x0 + dx, y0 + dy, part);
-      guides.show(cell);
-    }, () => {
-      end();
-      if (!cell) diagram.choose(group);
-      else if (!cell.same) void edits.act({ act: "move", part, column: cell.column, row: cell.row });
+      else if (!cell.same) void edits.act({ act: together ? "move_parts" : "move", part, column: cell.column, row: cell.row, ...(together ? { parts: chosen } : {}) });
     }, end);
   }
 

@@ -2,7 +2,7 @@
 
 import { cloud, look, timeChart } from "./charts.js";
 import { byId, el, number } from "./dom.js";
-import { problemList, resultItems } from "./results.js";
+import { problemList, problemsOf, resultItems } from "./results.js";
 import { tuningForm } from "./tuning.js";
 
 /** @type {Record<string, {title: string, words: string, button: string, command: string}>} */
@@ -81,8 +81,7 @@ export class Jobs {
       this.pushed(told.job);
       if (kind === "try") this.evidence.choose("diagnose");
     } catch (error) {
-      const problems = /** @type {any} */ (error).problems ?? [{ message: /** @type {any} */ (error).message, notes: [] }];
-      this.refused = { kind, problems };
+      this.refused = { kind, problems: problemsOf(error) };
       this.evidence.show();
     }
   }
@@ -108,7 +107,7 @@ export class Jobs {
       this.evidence.note = `Wrote ${told.files.join(", ")}. ${fallen(rungs, from)}`;
       this.evidence.show();
     } catch (error) {
-      this.refused = { kind: job.kind, problems: /** @type {any} */ (error).problems ?? [{ message: /** @type {any} */ (error).message, notes: [] }] };
+      this.refused = { kind: job.kind, problems: problemsOf(error) };
       this.evidence.show();
     }
   }
@@ -121,7 +120,7 @@ export class Jobs {
       const told = await this.studio.link.ask("add", { number: job.number, given: { report: true } });
       this.reported = told.open;
     } catch (error) {
-      this.refused = { kind: job.kind, problems: /** @type {any} */ (error).problems ?? [{ message: /** @type {any} */ (error).message, notes: [] }] };
+      this.refused = { kind: job.kind, problems: problemsOf(error) };
     }
     this.reporting = false;
     this.evidence.show();

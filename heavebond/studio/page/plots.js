@@ -15,7 +15,6 @@ export class Plots {
     /** @type {any[]} */
     this.charts = [];
     this.shape = "";
-    this.sync = uPlot.sync("time");
     this.dark = matchMedia("(prefers-color-scheme: dark)");
     this.dark.addEventListener("change", () => { this.shape = ""; this.again?.(); });
     new ResizeObserver(() => this.fit()).observe(this.place);
@@ -57,6 +56,7 @@ export class Plots {
       "aria-label": `${group.lines.map((/** @type {any} */ l) => l.name).join(", ")} over time` }));
     this.place.replaceChildren(...places, this.tail);
     this.charts = groups.map((group, k) => new (/** @type {any} */ (uPlot))(this.options(group), data(group), places[k]));
+    this.charts.forEach((chart, k) => zoomByKeys(places[k], chart, "time"));
   }
 
   /** @param {any} group */
@@ -148,6 +148,21 @@ export class Plots {
     for (let k = 0; k < Math.max(...columns.map((c) => c.length)); k++) lines.push(columns.map((c) => k < c.length ? String(c[k]) : "").join(","));
     download(`${name}.csv`, new Blob([lines.join("\n") + "\n"], { type: "text/csv" }));
   }
+}
+
+/** A chart that is reached by Tab and zoomed in time by keys, together with those of its group. @param {HTMLElement} box @param {any} chart @param {string} group */
+export function zoomByKeys(box, chart, group) {
+  box.tabIndex = 0;
+  box.addEventListener("keydown", (event) => {
+    const { min, max } = chart.scales.x, times = chart.data[0], span = max - min, middle = chart.cursor.left >= 0 ? chart.posToVal(chart.cursor.left, "x") : (min + max) / 2;
+    const about = (/** @type {number} */ factor) => [middle - (middle - min) * factor, middle + (max - middle) * factor];
+    const step = (/** @type {number} */ share) => [min + share * span, max + share * span];
+    const seen = /** @type {Record<string, number[]>} */ ({ "+": about(0.7), "=": about(0.7), "-": about(1 / 0.7), 0: [-Infinity, Infinity], ArrowLeft: step(-0.2), ArrowRight: step(0.2) })[event.key];
+    if (!seen || event.ctrlKey || event.altKey || event.metaKey) return;
+    event.preventDefault();
+    const [from, to] = [Math.max(seen[0], times[0]), Math.min(seen[1], times[times.length - 1])];
+    if (to > from) for (const other of uPlot.sync(group).plots) other.setScale("x", { min: from, max: to });
+  });
 }
 
 /** Lines by their unit. @param {any[]} runs @param {string[]} plotted */

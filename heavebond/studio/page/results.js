@@ -29,6 +29,9 @@ function notes(rows) {
 /** Whether a port or an input is not connected yet, which its own mark on the drawing tells. @param {any} problem */
 export const isUnconnected = (problem) => /^(port|input)-unconnected$/.test(problem.code);
 
+/** What an error says, as the problems of a refusal or as one. @param {any} error @returns {any[]} */
+export const problemsOf = (error) => error.problems ?? [{ message: String(error.message ?? error), notes: [] }];
+
 /** What went wrong, in the words of the command line. @param {any[]} problems */
 export function problemList(problems) {
   return problems.map((p) => el("div", { class: "verdict" }, el("b", {}, ...message(p.message)), ...[...(p.notes ?? []), p.hint].filter(Boolean).map((t) => el("div", { class: "hint" }, ...message(t)))));

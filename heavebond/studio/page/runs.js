@@ -2,7 +2,7 @@
 
 import { byId, el, unitLabel } from "./dom.js";
 import { DASHES, Plots } from "./plots.js";
-import { problemList } from "./results.js";
+import { problemList, problemsOf } from "./results.js";
 
 const QUICK = 2000; // ms of a run up to which sliders are made ready behind it; slower ones cannot follow the mouse
 
@@ -151,7 +151,7 @@ export class Runs {
     } catch (error) {
       if (!here()) return false;
       this.studio.say("the run failed");
-      this.plots.empty(...problemList(/** @type {any} */ (error).problems ?? [{ message: String(/** @type {any} */ (error).message ?? error) }]));
+      this.plots.empty(...problemList(problemsOf(error)));
       this.live = null;
       return false;
     } finally {
