@@ -297,9 +297,9 @@ def _merit(tried: SimulatedInput) -> tuple[float, float]:
 
 def _sure(chi2: float, needed: float) -> float:
     """The probability that the difference of chi-square, which is normal about D with variance 4 D, is what is needed."""
-    from scipy.stats import norm
+    from scipy.special import ndtr
 
-    return float(norm.cdf((chi2 - needed) / (2 * np.sqrt(chi2)))) if chi2 > 0 else 0.0
+    return float(ndtr((chi2 - needed) / (2 * np.sqrt(chi2)))) if chi2 > 0 else 0.0
 
 
 def _extra(rivals: Sequence[PreparedAlternative], frame: _Frame, tried: Sequence[SimulatedInput]) -> AdditionalSensor | None:

@@ -77,7 +77,7 @@ def states(channel: str, error: Array, variables: Mapping[str, tuple[str, Array]
 
 def _chance(a: Array, b: Array) -> float:
     """The chance of a correlation as positive as that of a and b (N,), which have a memory."""
-    from scipy.stats import t as student
+    from scipy.special import stdtr
 
     size = float(np.sqrt((a @ a) * (b @ b)))
     if size == 0 or len(a) < 10:
@@ -86,7 +86,7 @@ def _chance(a: Array, b: Array) -> float:
     lags = max(1, len(a) // 4)
     together = float(autocorrelation(a, lags)[1:] @ autocorrelation(b, lags)[1:])
     independent = max(3.0, len(a) / max(1.0, 1 + 2 * together))
-    return float(student.sf(r * np.sqrt((independent - 2) / (1 - r * r)), independent - 2))
+    return float(stdtr(independent - 2, -r * np.sqrt((independent - 2) / (1 - r * r))))
 
 
 def envelope(values: Array, time: Array) -> tuple[Array, Array]:

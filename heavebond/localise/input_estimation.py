@@ -74,9 +74,9 @@ class Estimate:
     def chance(self) -> float:
         """How likely such a gain would be at one of the places without anything missing: the likelihood ratio test of one
         intensity, half of whose chi-square distribution is at 0, times the number of places (Bonferroni)."""
-        from scipy.stats import chi2
+        from scipy.special import chdtrc
 
-        return float(min(1.0, len(self.ranked) * 0.5 * chi2.sf(2 * max(self.gain, 0.0), 1))) if self.ranked else 1.0
+        return float(min(1.0, len(self.ranked) * 0.5 * chdtrc(1, 2 * max(self.gain, 0.0)))) if self.ranked else 1.0
 
     def explained(self, ranked: Ranked) -> float:
         """The share of the way from the parameters alone to nothing but noise that a place goes, its freedom counted."""

@@ -151,40 +151,15 @@ class Unknown:
         return Smoothed(w * self.sizes[:, None], np.sqrt(np.maximum(variance, 0)) * self.sizes, states[:, :, :n],
                         self.error[:, None] - seen)
 
-
     def innovations(self, inputs: Array) -> Array:
         """Innovations over their standard deviations (N, m, 1+k+K) of the data, per unit of each parameter and of each of
         the `inputs` (N, K) in SI at the first place, where nothing but these acts: with inputs a (K,) and parameters q they
         are e[..., 0] + e[..., 1:] @ (q, a)."""
-        n, count = self.n, len(self.system.time)
-        between = (inputs[:-1] + inputs[1:]) / 2
+        filtering = self.system.whitening
+        first = np.concatenate([np.zeros((self.n, 1)), self.system.start], axis=1)
         gamma, d = self.gamma[:, 0] / self.sizes[0], self.d[:, 0] / self.sizes[0]
-        error = np.concatenate([self.error, -d[:, :, None] * inputs[:, None, :]], axis=2)
-        x = np.zeros((n, error.shape[2]))
-        x[:, 1:1 + self.k] = self.system.start
-        p = np.diag(self.system.start_deviation**2)
-        found = np.empty(error.shape)
-        for i in range(count):
-            if i:
-                phi = self.system.phi[i - 1, :, :n]
-                x = phi @ x
-                x[:, :1 + self.k] += self.moved[i - 1]
-                x[:, 1 + self.k:] += gamma[i - 1][:, None] * between[i - 1]
-                p = phi @ p @ phi.T
-            for c in range(error.shape[1]):
-                row = self.system.c[i, c, :n]
-                towards = p @ row
-                variance = float(row @ towards) + 1.0
-                if not variance > 0:  # as above: rounding has left no covariance, and the sample tells nothing
-                    found[i, c] = 0.0
-                    continue
-                wrong = error[i, c] - row @ x
-                gain = towards / variance
-                x += gain[:, None] * wrong
-                p = p - gain[:, None] * towards
-                p = p + (gain - p @ row)[:, None] * gain
-                found[i, c] = wrong / np.sqrt(variance)
-        return found
+        return np.concatenate([filtering.innovations(self.error, first, self.moved),
+                               filtering.responses(inputs, gamma, d)], axis=2)
 
 
 class _FilterPass:

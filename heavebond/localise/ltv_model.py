@@ -14,6 +14,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import casadi as ca
@@ -30,6 +31,7 @@ from heavebond.estimation.experiment import Experiment, Free, Record
 from heavebond.estimation.records import Mask, measure
 from heavebond.language.symbols import stack
 from heavebond.localise.constants import INPUT_ESTIMATION
+from heavebond.localise.whitening import Whitening
 from heavebond.numerics.dae import Array, Assembly, build
 from heavebond.numerics.initialise import tangent
 from heavebond.numerics.result import Result, columns
@@ -112,6 +114,12 @@ class LtvModel:
     start_deviation: Array
     centre: Array
     result: Result
+
+    @cached_property
+    def whitening(self) -> Whitening:
+        """Its Kalman filter where nothing unknown acts."""
+        n = self.phi.shape[1]
+        return Whitening.of(self.phi[:, :, :n], self.c[:, :, :n], self.start_deviation)
 
 
 class SourcedRecord:

@@ -25,13 +25,22 @@ def smooth_rate(values: Array, time: Array) -> Array:
     """The derivative (N,) of an estimated signal: of cubics through a sixth of its mean period about each sample, as
     differences of neighbours would be mostly those of its errors (A. Savitzky, M. J. E. Golay, 1964,
     doi:10.1021/ac60214a047)."""
-    from scipy.signal import savgol_filter
-
     step = float(np.median(np.diff(time)))
     rate = np.gradient(values, time)
     omega = float(np.sqrt(np.mean(rate**2) / max(float(np.var(values)), 1e-300)))
     width = min(int(2 * np.pi / max(omega, 1e-12) / INPUT_ESTIMATION.rate_window / step), len(values) // 4) | 1
-    return np.asarray(savgol_filter(values, width, 3, deriv=1, delta=step)) if width > 3 else rate
+    return _rate_of_cubics(values, width) / step if width > 3 else rate
+
+
+def _rate_of_cubics(values: Array, width: int) -> Array:
+    """The derivative (N,), per sample, of the cubics fitted to `width` samples about each; near the ends of the first and
+    the last of these cubics."""
+    half = width // 2
+    k = np.arange(-half, half + 1.0)
+    fit = np.linalg.pinv((k[:, None] / half)**np.arange(4)) / float(half)**np.arange(4)[:, None]
+    slopes = np.stack([np.zeros_like(k), np.ones_like(k), 2 * k, 3 * k**2], axis=1) @ fit
+    return np.concatenate([slopes[:half] @ values[:width], np.convolve(values, slopes[half, ::-1], "valid"),
+                           slopes[half + 1:] @ values[-width:]])
 
 
 @dataclass(frozen=True)

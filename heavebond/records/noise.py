@@ -133,21 +133,42 @@ def _pseudo_residuals(y: Array, time: Array) -> Iterator[Array]:
 
 def _bands(records: Sequence[tuple[Array, Array]]) -> Iterator[_Level]:
     """What the band passes leave of evenly sampled stretches, from the lowest band to the highest; none of short records."""
-    from scipy.signal import oaconvolve
-    from scipy.signal.windows import dpss
-
     longest = max(len(y) for y, _ in records)
     number = next((n for n in BANDS if longest >= 2 * PER_BAND * n), 0)
     if not number:
         return
     length = PER_BAND * number
-    window, k = dpss(length, PRODUCT), np.arange(length)
-    even = [(y, _even(y, t, length)) for y, t in records if len(y) >= length]
+    window, k = _prolate(length), np.arange(length)
+    even = [(_Filtered(y), _even(y, t, length)) for y, t in records if len(y) >= length]
     even = [(y, inside) for y, inside in even if inside.any()]
     for band in range(number if even else 0):
         h = window * np.cos(np.pi * (band + 0.5) / number * (k - (length - 1) / 2))
         h /= np.linalg.norm(h)
-        yield _level(np.concatenate([oaconvolve(y, h, mode="valid")[inside] for y, inside in even]), h)
+        yield _level(np.concatenate([y.by(h)[inside] for y, inside in even]), h)
+
+
+def _prolate(length: int) -> Array:
+    """The discrete prolate spheroidal sequence of order 0 with the time-bandwidth product: the eigenvector to the largest
+    eigenvalue of a tridiagonal matrix (D. Slepian, 1978, doi:10.1002/j.1538-7305.1978.tb02104.x)."""
+    from scipy.linalg import eigh_tridiagonal
+
+    k = np.arange(length, dtype=float)
+    diagonal = ((length - 1 - 2 * k) / 2)**2 * math.cos(2 * math.pi * PRODUCT / length)
+    return np.asarray(eigh_tridiagonal(diagonal, k[1:] * (length - k[1:]) / 2, select="i",
+                                       select_range=(length - 1, length - 1))[1][:, 0])
+
+
+class _Filtered:
+    """A signal (n,), transformed once for many filters."""
+
+    def __init__(self, y: Array):
+        self.length, self.size = len(y), 1 << (len(y) - 1).bit_length()
+        self.spectrum = np.fft.rfft(y, self.size)
+
+    def by(self, h: Array) -> Array:
+        """What a filter with the coefficients h (m,) passes where it lies within the signal (n - m + 1,)."""
+        # around the end of the transform only samples before the first of these come again
+        return np.asarray(np.fft.irfft(self.spectrum * np.fft.rfft(h, self.size), self.size)[len(h) - 1:self.length])
 
 
 def _even(y: Array, time: Array, length: int) -> NDArray[np.bool_]:
