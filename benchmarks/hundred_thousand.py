@@ -8,13 +8,16 @@ from __future__ import annotations
 import resource
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import heavebond as hb
 from benchmarks import chain
-from benchmarks.measuring import Figure, duration, process
+from benchmarks.measuring import Figure, duration, process, seconds
+from heavebond.linear.linearisation import ModesAtStart, start_point
+from heavebond.linear.slow_modes import slow_modes
 from heavebond.numerics.simulator import Tolerances
 
 HERE = Path(__file__).parent
@@ -126,16 +129,24 @@ def alone(name: str) -> Figure:
                   float(took) <= SECONDS and float(memory) <= MEGABYTES)
 
 
-def figures() -> list[Figure]:
-    """A line for each machine."""
-    return [alone(name) for name in MACHINES]
+def modes(model: hb.Model) -> float:
+    """Processor time of the slowest modes and of the search for growing ones, at the start of an assembled machine."""
+    at_start = ModesAtStart(hb.assemble(model))
+    point = start_point(at_start.start({}), at_start.u)
+    return seconds(partial(slow_modes, at_start.linearisation, point, 24.0))
+
+
+def figures() -> Iterator[Figure]:
+    """A line for each machine, and one for the modes of the first."""
+    yield from (alone(name) for name in MACHINES)
+    first = MACHINES["drill_string"]
+    yield Figure(f"{first.what}: slowest modes and search for growing ones", duration(modes(first.full())))
 
 
 def main() -> None:
     """As the command line calls it."""
     if len(sys.argv) < 2:
-        for name in MACHINES:
-            found = alone(name)
+        for found in figures():
             print(f"{found.what}: {found.measured} ({found.target})", flush=True)
         return
     result = run(MACHINES[sys.argv[1]].full())

@@ -18,6 +18,7 @@ from heavebond.commands.arguments import (
 if TYPE_CHECKING:
     from heavebond.linear.linearisation import Mode
     from heavebond.linear.modal_energy import ModalShares
+    from heavebond.linear.slow_modes import SlowModes
     from heavebond.numerics.dae import Assembly
     from heavebond.numerics.start_equations import Point
 
@@ -28,11 +29,15 @@ MOST = 4
 @click.command(short_help="Frequencies and damping of the modes, and the components that take part.")
 @click.argument("model")
 @at_options
+@click.option("--slowest", metavar="COUNT", type=click.IntRange(min=1),
+              help="Compute so many modes, the slowest; of more than 300 states 30 by default.")
 @set_option
 @json_option
-def modes(model: str, at: str | None, steady: bool, settings: tuple[str, ...]) -> dict[str, object]:
+def modes(model: str, at: str | None, steady: bool, slowest: int | None, settings: tuple[str, ...]) -> dict[str, object]:
     """Linearise MODEL at its initial conditions and list its modes: frequency, damping, the components that take part (their
     share of the energy), and those that damp it. A mode in which no component stores energy is described by its states.
+
+    Of a diagram with more than 300 states the slowest modes are listed, and growing ones that a search finds beyond them.
 
     A friction law is linearised at rest, where it locks its parts: --set its forces to 0 for the modes in motion, or
     linearise at an instant of the motion with --at.
@@ -40,15 +45,13 @@ def modes(model: str, at: str | None, steady: bool, settings: tuple[str, ...]) -
     from heavebond.commands import terminal
     from heavebond.core.presentation import count
     from heavebond.language.model import load
-    from heavebond.linear.linearisation import Linearisation
     from heavebond.linear.modal_energy import energy_shares
     from heavebond.linear.operating_point import OperatingPoints, stuck
 
     with blamed_on_settings(settings), terminal.working("linearising"):
         operating = OperatingPoints(with_settings(load(model), settings), operating_time(at, steady))
         assembly, point = operating.assembly, operating.at()
-        linear = Linearisation(assembly).at(point)
-        found, judged = linear.modes(), linear.stability()
+        found, judged, words = _modes(assembly, point, slowest, operating.words)
         shares = energy_shares(assembly, point, found)
     console = terminal.output()
     rows = [(_frequency(mode), *((f"{mode.damping:.4g}", f"{-mode.value.real:.4g} 1/s") if mode.value else ("", "")),
@@ -56,20 +59,54 @@ def modes(model: str, at: str | None, steady: bool, settings: tuple[str, ...]) -
             for mode, share in zip(found, shares, strict=True)]
     console.print(terminal.table(f"{assembly.model.name} {operating.words}, {count(len(assembly.state_names), 'state')}",
                                  ("frequency", "damping", "decay", "energy in", "damping contribution"), rows, text=5))
-    growing = len(judged.growing)
-    if growing:
-        console.print(f"{growing} modes grow" if growing > 1 else "1 mode grows",
-                      f"{operating.words}: it is not stable there")
-    elif not judged.stable:
-        console.print(f"{judged.verdict} {operating.words}: {'; '.join(judged.reasons)}", soft_wrap=True)
+    for line in words:
+        console.print(line, soft_wrap=True)
     notes = stuck(assembly, point)
     for note in notes:
         console.print(note, style="yellow", soft_wrap=True)
     if shares and shares[0].left_out:
         console.print(f"not counted (described by mass and temperature): {', '.join(shares[0].left_out)}", soft_wrap=True)
     return {"model": assembly.model.name, "at": operating.words, "operating_point": _point_told(assembly, point),
-            "stability": judged.verdict, "stuck": notes,
+            "stability": judged, "stuck": notes,
             "modes": [_told(mode, share) for mode, share in zip(found, shares, strict=True)]}
+
+
+def _modes(assembly: Assembly, point: Point, slowest: int | None, at: str) -> tuple[list[Mode], str | None, list[str]]:
+    """The modes to list, the verdict on stability (None where it was not decided), and what is to be said of it."""
+    from heavebond.linear.linearisation import Linearisation
+    from heavebond.linear.slow_modes import SLOW_MODES, slow_modes
+    from heavebond.linear.stability import UNSTABLE
+    from heavebond.numerics.simulator import grid
+
+    linearisation, model = Linearisation(assembly), assembly.model
+    if slowest is None and len(assembly.state_names) <= SLOW_MODES.max_all:
+        linear = linearisation.at(point)
+        judged = linear.stability()
+        told = [] if judged.growing or judged.stable else [f"{judged.verdict} {at}: {'; '.join(judged.reasons)}"]
+        return linear.modes(), judged.verdict, _growth(len(judged.growing), at) + told
+    span = float(grid(model, None, None)[-1]) if model.until is not None else 1.0
+    found = slow_modes(linearisation, point, span, slowest or SLOW_MODES.count)
+    return found.modes, UNSTABLE if found.unstable else None, _growth(found.unstable, at) + _not_computed(found)
+
+
+def _growth(growing: int, at: str) -> list[str]:
+    return [f"{growing} modes grow {at}: it is not stable there" if growing > 1 else
+            f"1 mode grows {at}: it is not stable there"] if growing else []
+
+
+def _not_computed(found: SlowModes) -> list[str]:
+    """Which modes were computed, and what is therefore not known."""
+    from heavebond.core.presentation import number
+
+    low, high = (number(rate, 3) for rate in found.searched)
+    others = "Further growing modes" if found.unstable else "Growing modes"
+    result = "" if found.unstable else ", and none was found"
+    return [f"Computed: the {found.computed} slowest eigenvalues of {found.states} (a line is a pair, where it oscillates), "
+            f"those with |s| up to {number(found.reach, 4)} 1/s. Of hundreds that are nearly equal, as of equal pieces "
+            "damped alike, only some are listed.",
+            f"{others} were looked for at rates from {low} to {high} 1/s{result}. This is no proof of stability: a mode "
+            "that grows by a small share of its frequency, faster than those listed and beside many undamped ones, can be "
+            "missed."]
 
 
 def _told(mode: Mode, share: ModalShares) -> dict[str, object]:
@@ -90,5 +127,15 @@ def _frequency(mode: Mode) -> str:
 
 
 def _named(shares: dict[str, float]) -> str:
-    named = [(name, share) for name, share in shares.items() if abs(share) >= LEAST][:MOST]
+    """The largest shares; where each is small, those of the blocks of the diagram."""
+    named = _large(shares)
+    if not named and shares:
+        blocks: dict[str, float] = {}
+        for name, share in shares.items():
+            blocks[name.partition(".")[0]] = blocks.get(name.partition(".")[0], 0.0) + share
+        named = _large(dict(sorted(blocks.items(), key=lambda item: -abs(item[1]))))
     return ", ".join(f"{name} {100 * share:.0f} %" for name, share in named)
+
+
+def _large(shares: dict[str, float]) -> list[tuple[str, float]]:
+    return [(name, share) for name, share in shares.items() if abs(share) >= LEAST][:MOST]

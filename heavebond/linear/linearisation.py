@@ -14,12 +14,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.errors import Problem, UsageError
+from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
 from heavebond.linear.stability import Stability, stability, with_zeros
 from heavebond.numerics.dae import Array, Assembly
@@ -27,6 +29,7 @@ from heavebond.numerics.initialise import Start, start, tangent
 from heavebond.numerics.inputs import pieced
 from heavebond.numerics.result import signal_expression
 from heavebond.numerics.simulator import grid
+from heavebond.numerics.sparse_jacobian import jacobian
 from heavebond.numerics.start_equations import Point, StartEquations
 
 # Vectors l, v of unit length with a smaller product belong to a multiple eigenvalue, which has no derivative.
@@ -102,7 +105,7 @@ class Linear:
 
 
 class Linearisation:
-    """The Jacobians of an assembly, compiled once: inputs are names of parameters, outputs are signals in SI.
+    """The Jacobians of an assembly, differentiated once: inputs are names of parameters, outputs are signals in SI.
 
     `driven` are names of measured inputs: each gives four columns after those of the parameters, for the input and its first
     three derivatives; they are right at points whose pieces begin at their time (see `operating_point`). UsageError for
@@ -120,9 +123,22 @@ class Linearisation:
                    *(u[1 + 4 * known.index(name) + k] for name in driven for k in range(4))])
         # a piece is c0 + c1 s + c2 s**2 + c3 s**3: its k-th derivative at s = 0 is k! c_k
         self._per = np.array([*(1.0 for _ in inputs), *([1.0, 1.0, 0.5, 1 / 6] * len(driven))])
-        sides = (assembly.ode, assembly.alg, stack([_in_si(assembly, name) for name in outputs]))
-        self._jacobians = ca.Function("jacobians", list(assembly.arguments), [
-            ca.jacobian(side, by) for side in sides for by in (x, z, w)])
+        self._sides = (assembly.ode, assembly.alg, stack([_in_si(assembly, name) for name in outputs]))
+        self._inner, self._outer = (x, z), w
+
+    @cached_property
+    def _jacobians(self) -> ca.Function:
+        return ca.Function("jacobians", list(self.assembly.arguments), [
+            ca.jacobian(side, by) for side in self._sides for by in (*self._inner, self._outer)])
+
+    def sparse(self, point: Point) -> Any:
+        """[[f_x, f_z], [g_x, g_z]] near a point, in SI, a `scipy.sparse.csc_array`."""
+        from scipy.sparse import csc_array
+
+        f, g, _ = self._sides
+        function = ca.Function("jacobian", list(self.assembly.arguments), [jacobian(stack([f, g]), stack([*self._inner]))])
+        found, = Buffered(function, sparse=True)(*point.values()).values()
+        return csc_array(found)
 
     def at(self, point: Point) -> Linear:
         """The linear system near a point; UsageError where an algebraic loop is singular there."""

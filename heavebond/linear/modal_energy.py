@@ -21,9 +21,12 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
+from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
 from heavebond.linear.linearisation import Mode
 from heavebond.numerics.dae import Assembly
+from heavebond.numerics.matrices import solved
+from heavebond.numerics.sparse_jacobian import jacobian
 from heavebond.numerics.start_equations import Point
 
 ROUNDING = 1e-9
@@ -41,7 +44,7 @@ class ModalShares:
 
 
 class ModalEnergies:
-    """How the efforts and flows of all ports move with the states of an assembly, compiled once."""
+    """How the efforts and flows of all ports move with the states of an assembly, differentiated once."""
 
     def __init__(self, assembly: Assembly):
         _, x, z, _, _, _ = assembly.arguments
@@ -49,29 +52,41 @@ class ModalEnergies:
         self.assembly = assembly
         self.left_out = tuple(dict.fromkeys(b.owner for b in flat.bonds.values() if not b.efforts))
         bonds = [b for b in flat.bonds.values() if b.owner not in self.left_out]
-        self.owners = [b.owner for b in bonds for _ in b.efforts]
+        self.owners = list(dict.fromkeys(b.owner for b in bonds))
+        number = {owner: k for k, owner in enumerate(self.owners)}
+        self._owner = np.array([number[b.owner] for b in bonds for _ in b.efforts], dtype=int)
         self.stores = {e.owner for e in flat.energetics if not e.energy.is_zero()}
-        sides = [assembly.express(stack([flat.levels[0][j] for j in numbers])) for numbers in (
-            [j for b in bonds for j in b.efforts], [j for b in bonds for j in b.flows])]
-        self._slopes = ca.Function("slopes", list(assembly.arguments), [
-            ca.jacobian(side, by) for side in (*sides, assembly.alg) for by in (x, z)])
+        ports = assembly.express(stack([flat.levels[0][j] for j in (
+            *(j for b in bonds for j in b.efforts), *(j for b in bonds for j in b.flows))]))
+        self._slopes = Buffered(ca.Function("slopes", list(assembly.arguments), [
+            jacobian(stack([ports, assembly.alg]), stack([x, z]))]), sparse=True)
 
-    def shares(self, point: Point, mode: Mode) -> ModalShares:
-        """The shares of the components in a mode near a point."""
-        e_x, e_z, f_x, f_z, g_x, g_z = (np.array(j.full()) for j in self._slopes(*point.values()))
-        v = mode.right * self.assembly.x_nominal
-        w = -np.linalg.solve(g_z, g_x @ v) if len(point.z) else np.zeros(0)
-        products = np.conj(e_x @ v + e_z @ w) * (f_x @ v + f_z @ w)
-        power: dict[str, complex] = {}
-        for owner, product in zip(self.owners, products.tolist(), strict=True):
-            power[owner] = power.get(owner, 0j) + product
-        if not mode.value or not power:
+    def shares(self, point: Point, modes: Sequence[Mode]) -> list[ModalShares]:
+        """The shares of the components in each of the modes near a point."""
+        if not modes or not self.owners:
+            return [ModalShares(left_out=self.left_out) for _ in modes]
+        slopes, = self._slopes(*point.values()).values()
+        n_x, n_b = len(point.x), len(self._owner)
+        v = np.column_stack([mode.right for mode in modes]) * self.assembly.x_nominal[:, None]
+        ports, loops = slopes[:2 * n_b], slopes[2 * n_b:]
+        moved = ports[:, :n_x] @ v
+        if len(point.z):
+            moved = moved - ports[:, n_x:] @ solved(loops[:, n_x:], loops[:, :n_x] @ v)
+        products = np.conj(moved[:n_b]) * moved[n_b:]
+        power, sizes = (np.zeros((len(self.owners), len(modes)), kind) for kind in (complex, float))
+        np.add.at(power, self._owner, products)
+        np.add.at(sizes, self._owner, np.abs(products))
+        return [self._of_mode(mode, dict(zip(self.owners, power[:, k].tolist(), strict=True)), float(sizes[:, k].sum()))
+                for k, mode in enumerate(modes)]
+
+    def _of_mode(self, mode: Mode, power: Mapping[str, complex], size: float) -> ModalShares:
+        if not mode.value:
             return ModalShares(left_out=self.left_out)
         s = mode.value
         energy = {name: abs(p.imag) / s.imag if mode.swings else abs(p / s) for name, p in power.items()
                   if name in self.stores}
         # where positions move without a store, what is left of forces that cancel is no energy
-        if sum(energy.values()) <= ROUNDING * float(np.abs(products).sum()) / abs(s):
+        if sum(energy.values()) <= ROUNDING * size / abs(s):
             return ModalShares(left_out=self.left_out)
         lost = {name: p.real - s.real * energy.get(name, 0.0) for name, p in power.items()} if mode.swings else {}
         return ModalShares(_shares(energy), _shares(lost), self.left_out)
@@ -79,8 +94,7 @@ class ModalEnergies:
 
 def energy_shares(assembly: Assembly, point: Point, modes: Sequence[Mode]) -> list[ModalShares]:
     """The shares of the components in each of the modes."""
-    energies = ModalEnergies(assembly)
-    return [energies.shares(point, mode) for mode in modes]
+    return ModalEnergies(assembly).shares(point, modes)
 
 
 def _shares(sizes: Mapping[str, float]) -> dict[str, float]:

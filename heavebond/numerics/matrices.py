@@ -139,6 +139,19 @@ def least_change(matrix: Matrix, right: Array) -> Array:
     return _Damped(matrix).least_change(right)
 
 
+def solved(matrix: Matrix, right: NDArray[Any]) -> NDArray[Any]:
+    """The x (n, k) with matrix (n, n) x = right, real or complex."""
+    if len(right) < MATRICES.sparse_from:
+        return np.asarray(np.linalg.solve(dense(matrix), right))
+    from scipy.sparse import csc_array
+    from scipy.sparse.linalg import splu
+
+    found: Any = splu(csc_array(matrix))
+    if np.iscomplexobj(right):
+        return np.asarray(found.solve(right.real.copy()) + 1j * found.solve(right.imag.copy()))
+    return np.asarray(found.solve(right))
+
+
 def null_space(matrix: Matrix, share: float) -> Array:
     """Orthonormal directions (n, k) that matrix (m, n) shortens to less than a share of its largest singular value; of a
     large one whose rank is in doubt at most `MATRICES.max_directions`, the most shortened."""
