@@ -6,6 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,6 +20,7 @@ from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.confidence_set import block_length, confidence_set, resampled
 from heavebond.diagnosis.diagnosis import diagnose
 from heavebond.diagnosis.early_stopping import HOPE, MIDWAY, stop_inferior_starts
+from heavebond.diagnosis.like_places import candidates
 from heavebond.diagnosis.places import Places
 from heavebond.diagnosis.predictive_errors import FITTED, SELECTION, TEST, Series, binned, cross_validated, predictive_errors
 from heavebond.diagnosis.refit import Refit, begun
@@ -26,6 +28,7 @@ from heavebond.diagnosis.scoring import Base, scored, searched
 from heavebond.diagnosis.stage import fitted_base
 from heavebond.estimation.experiment import Experiment, is_test, load_experiment
 from heavebond.estimation.residuals import ARRIVED, GIVEN_UP, Descent
+from heavebond.language.library import same_class
 
 ONE = np.zeros(400, dtype=np.int64)
 
@@ -227,6 +230,34 @@ def test_a_dormant_parameter_stands_where_its_equation_acts() -> None:
     assert places.place(inside) == places.place(between) != places.place(found["CoulombFriction between frame and load"])
     spring = found["BilinearSpring in place of load_spring"]
     assert places.place(spring) == places.place(found["CoulombFriction between frame and load"])
+
+
+def test_a_dormant_parameter_of_a_block_stands_where_its_parts_act(tmp_path: Path) -> None:
+    """The wall of a pneumatic cylinder takes heat from both chambers, as convection at both does."""
+    (tmp_path / "slide.yaml").write_text("""\
+model: slide
+components:
+  supply: {is: PneumaticSource, p_0: 5 bar}
+  outlet: {is: PneumaticSource, p_0: 4 bar}
+  drive:  {is: PneumaticCylinder, D: 50 mm, d: 20 mm, stroke: 200 mm, V_d: 20 cm**3}
+  frame:  {is: Fixed}
+  load:   {is: Mass, m: 10 kg}
+nodes: {A: [supply.a, drive.A], B: [outlet.a, drive.B], frame: [frame.a, drive.a], load: [drive.b, load.a]}
+""")
+    (tmp_path / "day.csv").write_text("t,x\n" + "".join(f"{k / 100},{k * k}\n" for k in range(60)))
+    (tmp_path / "seen.yaml").write_text("""\
+experiment: seen
+model: slide.yaml
+records: {day: {file: day.csv, use: fit}}
+time: {column: t, unit: s}
+outputs: {load.x: {column: x, unit: mm}}
+""")
+    experiment = load_experiment(tmp_path / "seen.yaml")
+    places, found = Places.of(experiment), {c.label: c for c in candidates(experiment)}
+    heat = "Convection between drive.heat_a and drive.wall and between drive.heat_b and drive.wall"
+    assert places.place(found["PneumaticCylinder in drive (G)"]) == places.place(found[heat])
+    assert places.place(found["PneumaticCylinder in drive (leakage)"])[1] == {"A", "B"}
+    assert same_class("heat exchange", "heat loss")
 
 
 def test_the_same_law_at_the_same_place_is_named_beside_the_answer() -> None:

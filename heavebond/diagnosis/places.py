@@ -1,7 +1,8 @@
 """Where effects stand, so that what is one place of the machine counts as one.
 
 A law in place of a part and in parallel with it stands between the nodes of this part; a dormant parameter between those
-whose ports stand in the equations with it (the leakage of a piston between the chambers, and not at its rod); one in series
+whose ports stand in the equations with it, of a block in those of its parts (the leakage of a piston between the chambers,
+and not at its rod); one in series
 with a part is at one place on either side of it; a node and the same node with the surroundings are one place; nodes that
 move as one in the model are one node. What a sensor or an input does is at a place of its own.
 """
@@ -12,8 +13,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from heavebond.diagnosis.catalogue import Candidate, Site, site_of
+from heavebond.equations.expanded import Leaf
 from heavebond.estimation.experiment import Experiment
-from heavebond.language.definition import Component
+from heavebond.language.definition import Component, Value
 from heavebond.text.expression import names
 
 Place = tuple[str, frozenset[str], frozenset[str]]
@@ -22,12 +24,12 @@ Place = tuple[str, frozenset[str], frozenset[str]]
 @dataclass(frozen=True)
 class Places:
     """The nodes of each part of a diagram by its ports, the nodes that stand for the surroundings, nodes that move as one,
-    each with the first of them, and the component of each part."""
+    each with the first of them, and the parts."""
 
     parts: Mapping[str, Mapping[str, str]]
     grounds: frozenset[str]
     as_one: Mapping[str, str] = field(default_factory=dict)
-    components: Mapping[str, Component] = field(default_factory=dict)
+    leaves: Mapping[str, Leaf] = field(default_factory=dict)
 
     @classmethod
     def of(cls, experiment: Experiment, as_one: Mapping[str, str] | None = None) -> Places:
@@ -37,7 +39,7 @@ class Places:
         found = {leaf.path: {port.name: site.group(f"{leaf.path}.{port.name}").name for port in leaf.component.ports.values()
                              if port.count is None} for leaf in leaves}
         return cls(found, frozenset(name for domain in site.nodes for name in _grounds(site, domain)), as_one or {},
-                   {leaf.path: leaf.component for leaf in leaves})
+                   site.expanded.leaves)
 
     def place(self, candidate: Candidate) -> Place:
         """Where a candidate stands: the same for two of them at one place."""
@@ -55,10 +57,19 @@ class Places:
 
     def _nodes(self, candidate: Candidate, part: str) -> set[str]:
         """The nodes of a part between which a candidate stands that is in it, in its place or in series with it."""
-        ports = self.parts[part]
         amplitudes = {n.name.rpartition(".")[2] for n in candidate.numbers if n.amplitude}
-        acting = _ports_beside(self.components[part], amplitudes) & ports.keys() if candidate.attaches == "in" else set()
-        return {ports[name] for name in acting or ports}
+        return (self._acting(part, amplitudes) if candidate.attaches == "in" else set()) or set(self.parts[part].values())
+
+    def _acting(self, part: str, parameters: set[str]) -> set[str]:
+        """The nodes on which a part acts by the equations in which these parameters of it stand; a block also by those of
+        its parts that are given their values."""
+        ports, paths = self.parts[part], {f"{part}.{name}" for name in parameters}
+        found = {ports[name] for name in _ports_beside(self.leaves[part].component, parameters) & ports.keys()}
+        for path, leaf in self.leaves.items() if self.leaves[part].component.composite else ():
+            given = {name for name, bound in leaf.parameters.items() if path.startswith(f"{part}.") and isinstance(
+                bound.value, Value) and any(bound.scope + n.text in paths for n in names(bound.value.expr))}
+            found |= self._acting(path, given) if given else set()
+        return found
 
 
 def _ports_beside(component: Component, parameters: set[str]) -> set[str]:
