@@ -22,8 +22,9 @@ from benchmarks.diagnosis.independent import write_case
 from benchmarks.diagnosis.long_drive import write_drive
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.measuring import Figure, cpu, duration, paired, spoken
+from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
-from heavebond.diagnosis.scoring import SEARCH
+from heavebond.diagnosis.scoring import SEARCH, Base, searched
 from heavebond.estimation.residuals import Run
 from heavebond.estimation.starter_folder import start_folder
 from heavebond.numerics.quick_simulation import QuickSimulator
@@ -114,10 +115,24 @@ def written(name: str, folder: Path) -> Path:
 
 def searches() -> list[Figure]:
     """Runs with sensitivities to all that is free: as a search makes them, by IDAS at the same tolerances, and with the
-    input held at each sample."""
+    input held at each sample; and a diagram with a candidate, from its change to the equations of its runs."""
     search, idas, held = run(QuickSimulator), run(Simulator), run(QuickSimulator, "hold")
     return [Figure(f"{HELD} rig: run of a search / by IDAS", spoken(paired(search, idas))),
-            Figure(f"{HELD} rig: run of a search with its input held / joined", spoken(paired(held, search)))]
+            Figure(f"{HELD} rig: run of a search with its input held / joined", spoken(paired(held, search))),
+            Figure(f"{HELD} rig: assembly of a candidate / run of a search", spoken(paired(assembly(), search)))]
+
+
+def assembly() -> Callable[[], object]:
+    """The diagram with one candidate of the catalogue assembled, and its runs prepared."""
+    problem = searched(hb.load_experiment(RIGS[HELD].experiment))
+    base = Base.at(problem, problem.start)
+    candidate = next(c for c in single_candidates(problem.experiment) if c.vanishes)
+
+    def assembled() -> object:
+        base.diagrams.clear()
+        return base.runs(candidate.change, [n.name for n in candidate.vanishing])
+
+    return assembled
 
 
 def run(kind: type[Simulator], between: str = "spline") -> Callable[[], object]:

@@ -249,10 +249,10 @@ class Residuals:
         """The diagram's values, then points of a Latin hypercube within the bounds."""
         points = [self.start]
         if number > 1:
-            from scipy.stats import qmc
-
-            cube = qmc.LatinHypercube(len(self.columns), seed=seed).random(number - 1)
-            points += list(self.low + cube * (self.high - self.low))
+            random, shape = np.random.default_rng(seed), (number - 1, len(self.columns))
+            within = random.random(shape)  # of the strata, of which each column has every one once
+            strata = np.array([random.permutation(shape[0]) for _ in self.columns]).reshape(shape[::-1]).T
+            points += list(self.low + (strata + 1 - within) / shape[0] * (self.high - self.low))
         return points
 
     def values_of(self, inner: Array, record: str) -> dict[str, float]:

@@ -138,7 +138,7 @@ class Assembly:
 
     def expression(self, expr: Expr) -> ca.SX:
         """A formula of the diagram's names as SX in `arguments`; ExpressionProblem for an unknown name."""
-        return self.express(self.resolver().evaluate(expr))
+        return self.once(("expression", expr), lambda: self.express(self.resolver().evaluate(expr)))
 
     def express(self, raw: ca.SX) -> ca.SX:
         """Raw symbols put in terms of (t, x, z, p, u, rate); a derivative that no equation has by the chain rule."""
