@@ -242,6 +242,14 @@ def test_whole_arrays_are_one_wire_in_a_drawing() -> None:
     assert ">bonds<" in picture
     assert "bonds[2]" not in picture
     assert hb.draw(hb.loads(FIELDS), highlight={"node bonds[2]": "here"}) != picture
+    assert 'data-node="bonds[1]"' in picture
+    assert picture.count('stroke-width="3.52"') == 1  # wider than a wire of one element, 1.6
+
+
+def test_wires_to_elements_of_a_vector_say_in_a_drawing_which() -> None:
+    picture = hb.draw(hb.load("examples/linear_system"))
+    assert [text for text in ("u[1]", "u[2]", "y[1..2]", "y[3]", "y[1]") if f">{text}<" in picture] == \
+        ["u[1]", "u[2]", "y[1..2]", "y[3]"]  # `back` has one output, y[1]
 
 
 @pytest.mark.parametrize(("old", "new", "said"), [

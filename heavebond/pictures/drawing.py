@@ -39,6 +39,7 @@ NARROWEST = 420  # px, so that a title has room
 SIGNAL = "#00734f"  # distinct from the colours of the domains for every kind of colour vision (after Okabe and Ito)
 OTHER, QUIET, WARNING, HALO = "#444444", "#5f6368", "#c2410c", "#ffe3d1"
 WIDTHS = {"signal": 1.1}
+ARRAY = 2.2  # times the width, of a wire with several elements
 
 
 def draw(model: ModelOrFile, *, open: Iterable[str] = (), open_all: bool = False, values: bool = False,
@@ -308,14 +309,14 @@ def _halo(item: Item, look: Look) -> list[str]:
 def _wire(line: Strand, look: Look) -> list[str]:
     colour, marked = look.net(line), NODE + line.net.path in look.marks
     value = look.paint.nets.get(line.net.path) if look.paint else None
-    width = WIDTHS.get(line.net.domain, 1.6) if value is None else 3.2
+    width = WIDTHS.get(line.net.domain, 1.6) * (ARRAY if line.net.size > 1 else 1) if value is None else 3.2
     paths = " ".join("M" + " L".join(f"{x} {y}" for x, y in path) for path in line.wire.lines)
     lines = []
     if marked:
         lines.append(f'<path d="{paths}" stroke="{HALO}" stroke-width="10" stroke-linecap="round"/>')
     told = f"<title>{xml(line.net.path)}: {look.paint.text(value)}</title>" if look.paint and value is not None else ""
     place = f' data-node="{xml(line.net.path)}"' if not line.net.given else ""
-    head = f'<path class="wire"{place} d="{paths}" stroke="{colour}" stroke-width="{width}"'
+    head = f'<path class="wire"{place} d="{paths}" stroke="{colour}" stroke-width="{width:.3g}"'
     lines.append(f"{head}>{told}</path>" if told else f"{head}/>")
     lines += [f'<circle class="dot" cx="{x}" cy="{y}" r="3" fill="{colour}"/>' for x, y in line.wire.dots]
     if line.free is not None:

@@ -188,6 +188,7 @@ class _Drafter:
                  items: Sequence[Item], wider: float):
         self.sheet, self.sides, self.options, self.placement = sheet, sides, options, placement
         self.wider = wider
+        self.shapes = {item.part.name: item.shape for item in items}
         self.xs = self._columns(items)
         self.ys = self._rows(items)
         self.items = {item.part.name: self._at(item) for item in items}
@@ -323,7 +324,10 @@ class _Drafter:
         if not net.name:
             return ()
         tag = self.options.marks.get(NODE + net.path)
-        return (Line(net.name, NODE_NAME), *([Line(tag, TAG)] if tag else []))
+        shared = [text for (name, port), text in net.chosen.items()
+                  if not any(anchor.port == port for anchor in self.shapes[name].anchors)]
+        elements = [Line(", ".join(shared), KIND)] if shared else []  # several wires end at the same point there
+        return (Line(net.name, NODE_NAME), *elements, *([Line(tag, TAG)] if tag else []))
 
     def _terminals(self, net: Net) -> list[list[Anchor]]:
         found = []

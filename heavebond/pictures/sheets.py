@@ -22,13 +22,16 @@ Ends = tuple[tuple[str, str], ...]
 @dataclass(frozen=True)
 class Net:
     """A node: its path, the name written at it (none where it is written elsewhere), what it carries, the (part, port)
-    that it joins; a part without name is the edge of the sheet. `given`: no node, but a formula that feeds an input."""
+    that it joins; a part without name is the edge of the sheet. `given`: no node, but a formula that feeds an input.
+    `size` is its number of elements, `chosen` tells of ends that are some elements of an array which: `y[1..2]`."""
 
     path: str
     name: str
     domain: str
     ends: Ends
     given: bool = False
+    size: int = 1
+    chosen: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,12 @@ def _is_further(node: str) -> bool:
     return bool(indices) and set(indices[:-1].split("][")) != {"1"}
 
 
+def _base(path: str) -> str:
+    """A node without the index of its element: `cmc.bonds` of `cmc.bonds[2]`."""
+    owner, dot, last = path.rpartition(".")
+    return owner + dot + last.partition("[")[0]
+
+
 def _owner(path: str) -> str:
     return path.rpartition(".")[0]
 
@@ -132,6 +141,9 @@ class _Reader:
         self.nets: dict[str, list[Net]] = {}
         # a node of whole arrays is one wire, that of its first elements
         self.drawn = {path: junction for path, junction in expanded.junctions.items() if not _is_further(path)}
+        self.elements: dict[str, list[str]] = {}  # the nodes of one wire
+        for path in expanded.junctions:
+            self.elements.setdefault(_base(path), []).append(path)
         for path in self.drawn:
             self._net(path)
 
@@ -145,11 +157,30 @@ class _Reader:
             home = _owner(end.leaf) if end.sign > 0 else end.leaf
             ends = own if home == scope else outside.setdefault(home, [])
             ends.append((end.leaf.rpartition(".")[2], end.port) if end.sign > 0 else ("", end.port))
-        name = path.rpartition(".")[2].partition("[")[0]
+        name = _base(path).rpartition(".")[2]
         self._outwards(path, domain, outside)
         if outside:
             own.append(("", f":{name}"))
-        self.nets.setdefault(scope, []).append(Net(path, name, domain, tuple(own)))
+        self.nets.setdefault(scope, []).append(Net(path, name, domain, tuple(own), size=len(self.elements[_base(path)]),
+                                                   chosen=self._chosen(path)))
+
+    def _chosen(self, path: str) -> dict[tuple[str, str], str]:
+        """The ends of a wire that are not the whole of a vector, as a diagram writes them; ends of a matrix are left out."""
+        found = {}
+        joined = [self.expanded.junctions[each].ends for each in self.elements[_base(path)]]
+        for ends in zip(*joined, strict=True) if len({len(ends) for ends in joined}) == 1 else ():
+            port, _, rest = ends[0].port.partition("[")
+            leaf = self.expanded.leaves[ends[0].leaf]
+            if ends[0].sign < 0 or rest.count("]") != 1:
+                continue
+            array = leaf.component.ports.get(port)
+            count = whole_number(array.count, leaf.integers) if array is not None and array.count is not None else sum(
+                name.partition("[")[0] == port for name in leaf.component.signals)
+            first, last = (int(end.port.partition("[")[2][:-1]) for end in (ends[0], ends[-1]))
+            if len(ends) != count:
+                which = f"{first}" if first == last else f"{first}..{last}"
+                found[ends[0].leaf.rpartition(".")[2], ends[0].port] = f"{port}[{which}]"
+        return found
 
     def _outwards(self, path: str, domain: str, outside: dict[str, list[tuple[str, str]]]) -> None:
         """The node on the sheets around its own, up to the outermost on which a port joins it."""

@@ -326,6 +326,7 @@ class _Builder:
             items = []
             while not isinstance(inner := next(self.events), yaml.SequenceEndEvent):
                 items.append(self._node(inner))
+            self._refuse_cut(items)
             return Sequence(tuple(items), self.place(event.start_mark))
         if isinstance(event, yaml.ScalarEvent):
             return self._scalar(event)
@@ -371,6 +372,18 @@ class _Builder:
             items[key.text], keys[key.text] = value, key
         self._refuse_bare(items, keys, bare)
         return Mapping(items, keys, self.place(event.start_mark), frozenset(bare))
+
+    def _refuse_cut(self, items: list[Node]) -> None:
+        """Values of a list that are one formula, which the comma between its arguments has cut: `[max(a, b)]`."""
+        opened: list[Scalar] = []
+        for item in items:
+            opened = [*opened, item] if isinstance(item, Scalar) and not item.quoted else []
+            text = ", ".join(part.text for part in opened)
+            if text.count("(") <= text.count(")"):
+                if len(opened) > 1:
+                    self.problems.add("formula-cut", f"the comma in '{text}' ends the value", opened[0].place,
+                                      hint=f'Put the formula in quotes: "{text}".')
+                opened = []
 
     def _refuse_bare(self, items: dict[str, Node], keys: dict[str, Scalar], bare: list[str]) -> None:
         """A key without value; most often a value that a comma, or a missing space behind `:`, has cut off."""
