@@ -62,17 +62,17 @@ def pumped() -> tuple[float, float, float]:
     D, w = 28e-6/(2*np.pi), 157.07963267948966
     friction = D*200e5*(1/0.92 - 1)
 
-    def point(p: float) -> tuple[float, float]:
-        flow = (D*w - D*157.07963267948966/200e5*0.06*p)/OIL.v(0, 313.15)
-        return flow, w*(D*p + friction*(0.5 + 0.5*p/200e5))
+    def point(p: float) -> tuple[float, float, float]:
+        swept, leak = D*w/OIL.v(0, 313.15), D*w/200e5*0.06*p/OIL.v(0, 313.15)
+        return swept, swept - leak, w*(D*p + friction*(0.5 + 0.5*p/200e5))
 
     def wrong(y: Array) -> list[float]:
         p, T = y[0]*1e5, y[1]
-        flow, power = point(p)
+        swept, flow, power = point(p)
         out = rated(40*LITRES, 200e5, p)*np.sqrt(860/OIL.v(p/2, (T + 313.15)/2))
-        return [flow - out, (flow*(OIL.h(p, T) - OIL.h(0, 313.15)) - power)/1e4]
+        return [flow - out, (swept*(OIL.h(p, T) - OIL.h(0, 313.15)) - power)/1e4]
     p, T = fsolve(wrong, [190.0, 317.0], xtol=1e-13)
-    return float(p*1e5), float(T), point(float(p*1e5))[1]
+    return float(p*1e5), float(T), point(float(p*1e5))[2]
 
 
 def adapted() -> float:

@@ -19,7 +19,8 @@ def carries(name: str, mass: np.ndarray, also: dict[str, np.ndarray] | None = No
     found = law({"a.p": P_A, "a.T": T_A, "b.p": P_B, "b.T": T_B} | (also or {}))
     up = np.array([OIL.h(p, T) if m > 0 else OIL.h(P_B, T_B) for m, p, T in zip(mass, P_A, T_A, strict=True)])
     agree(found["a.m"], mass, 1e-9, size=float(np.abs(mass).max())*1e-3)
-    agree(found["a.H"], mass*up, 1e-9, size=float(np.abs(mass*up).max()))
+    carried = mass*up + 1950*1e-18/(4*np.hypot(mass, 1e-9))*(T_A - T_B)  # and what conducts where nothing flows
+    agree(found["a.H"], carried, 1e-9, size=float(np.abs(mass*up).max()))
     agree(found["b.m"], -found["a.m"])
     agree(found["b.H"], -found["a.H"])
 
@@ -109,14 +110,14 @@ def test_pump_heats_by_its_losses() -> None:
     dp, T = 100e5, 333.15
     found = law({"s.w": w, "a.p": 2e5, "a.T": T, "b.p": 2e5 + dp, "b.T": 340.0})
     nu = OIL.nu(T)
-    mass = (5e-6*w - 5e-6*150/200e5*0.1*46e-6/nu*dp)/OIL.v(2e5, T)
+    swept, leak = 5e-6*w/OIL.v(2e5, T), 5e-6*150/200e5*0.1*46e-6/nu*dp/OIL.v(2e5, T)
     torque = 5e-6*dp + 5e-6*200e5*(1/0.85 - 1)*(0.4*nu/46e-6*w/150 + 0.6*dp/200e5*np.tanh(w))
-    agree(found["a.m"], mass)
+    agree(found["a.m"], swept - leak)
     agree(found["s.tau"], torque)
     agree(found["a.H"] + found["b.H"] + torque*w, 0, size=1e3)  # the first law
-    for k, forwards in enumerate(mass > 0):  # the oil that enters has its own enthalpy, the other one has been heated
-        side, h = ("a", OIL.h(2e5, T)) if forwards else ("b", OIL.h(2e5 + dp, 340))
-        agree(found[f"{side}.H"][k], abs(mass[k])*h, 1e-6)
+    low, high = OIL.h(2e5, T), OIL.h(2e5 + dp, 340)
+    # swept oil enters with its own enthalpy and leaves with the shaft power; the leakage leaves b with the enthalpy there
+    agree(found["a.H"], np.where(swept > 0, swept*low, swept*high - torque*w) - leak*high, 1e-6)
 
 
 @checks("OilCooler")

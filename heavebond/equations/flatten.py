@@ -304,8 +304,9 @@ class _Builder:
         members = [*((m, "across") for m in domain.across), *((m, "position") for m in positions)]
         for name, role in members:
             member: Member = domain.members[name]
+            low, high = (-inf, inf) if member.low is None else (member.low, member.largest or inf)
             self._unknown(Unknown(f"{group.name}.{name}", member.unit, member.nominal, role, group.place, member.doc,
-                                  -inf if member.low is None else member.low, start=member.start,
+                                  low, high, start=member.start,
                                   motion=bool(domain.positions) and role == "across", plausible=plausible(domain, name)),
                           [f"{alias}.{name}" for alias in group.aliases])
 

@@ -41,14 +41,15 @@ class Start:
     table: tuple[StartLine, ...]
     free: tuple[str, ...]
     steps: int
+    in_turn: bool = False  # whether the states were known before the loops were solved
 
 
 def start(assembly: Assembly, t: float = 0.0, u: Array | None = None, equations: StartEquations | None = None) -> Start:
     """Solve for x, z and the parameters under `solve:`; StartError with the reason where that cannot be.
 
-    Unknowns that no condition decides keep their guess (smallest change in scaled variables); after `start: steady`
-    a direction that no equation determines is an error. `equations` are those of the assembly where they are
-    compiled already."""
+    Unknowns that no condition decides keep their guess: states do where the loops can be solved for the algebraic unknowns
+    alone; else all change as little as they can, in scaled variables. After `start: steady` a direction that no equation
+    determines is an error. `equations` are those of the assembly where they are compiled already."""
     u = np.zeros(assembly.arguments[4].numel()) if u is None else u
     problem = _Search(equations or StartEquations(assembly), assembly, t, u)
     try:
@@ -96,7 +97,8 @@ def tangent(equations: StartEquations, first: Start, u: Array, directions: Array
     slopes = equations.guess.slopes(first.p) @ dp
     for k, (j, order) in enumerate(columns):
         dy[k] = slopes[j] if order == 0 else 0.0
-    for system in ([equations.approach] if equations.guesses else []) + [equations.all]:
+    aims, whole = (equations.aims, equations.conditions) if first.in_turn else (equations.approach, equations.all)
+    for system in ([aims] if equations.guesses else []) + [whole]:
         at = system.at(point)
         dy = dy + _least_change(at, system.moved(point, dp) + at[1] @ dy, sizes)
     dp[equations.solved_for] = dy[n_x + n_z:]
@@ -127,6 +129,7 @@ class _Search:
         self.widening = 1.0
         self.shut_in: tuple[str, ...] = ()
         self.steps = 0
+        self.in_turn = False
 
     def _guess(self) -> Array:
         values = self.equations.guess(self.assembly.p)
@@ -154,12 +157,28 @@ class _Search:
         """(x, z, solved parameters) of a consistent start."""
         y, equations = self.y0, self.equations
         self._check_constants()
+        if equations.separate and (found := self._in_turn()) is not None:
+            self.in_turn = True
+            return found
         if equations.guesses:
             y = newton(self._scaled(equations.approach), y, self.frame).y
         y = self._search(y)
         if equations.steady or equations.solved_for:
             self.shut_in = start_messages.undetermined(equations, self._point(y), self.nominal)
         return self._settle(y)
+
+    def _in_turn(self) -> Array | None:
+        """The states by the conditions about them, then the algebraic unknowns by the loops; nothing where that fails, as in
+        a mechanism whose links do not meet at the guess."""
+        y = self.y0
+        for system in (self.equations.aims, self.equations.conditions):
+            found = newton(self._scaled(system), y, self.frame)
+            y = found.y
+            self.steps += found.steps
+        try:
+            return self._settle(y) if found.good else None
+        except StartError:
+            return None
 
     def _search(self, first: Array) -> Array:
         """The first of these that leads to a solution: Newton's method from the guess; continuation in the widths of
@@ -296,7 +315,7 @@ class _Search:
             parameter = assembly.flat.parameters[k]
             table.append(StartLine(parameter.name, "solve", float(point.p[k]), parameter.unit.text, "solved for"))
         free = tuple(line.name for line in table if line.why == "default")
-        return Start(self.t, point.x, point.z, point.p, tuple(table), free, self.steps)
+        return Start(self.t, point.x, point.z, point.p, tuple(table), free, self.steps, self.in_turn)
 
     def _others(self, point: Point, told: set[str]) -> list[StartLine]:
         """What was asked of variables that are no states."""

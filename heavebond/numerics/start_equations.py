@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from heavebond.core.errors import Place
 from heavebond.equations.block_solver import Pivot
 from heavebond.equations.buffered import Buffered
+from heavebond.equations.flatten import EquationRole, FlatEquation
 from heavebond.equations.state_selection import InitialGuess
 from heavebond.language.sections import Condition
 from heavebond.language.smoothing import SmoothedColumn, rounded
@@ -74,6 +75,12 @@ class StartRow:
     place: Place | None
     steady: bool = False
     name: str = ""
+
+
+def _words(equation: FlatEquation) -> str:
+    """An equation in messages; the laws of a component with its name, as several have the same ones."""
+    said = equation.label or equation.text
+    return f"{equation.owner}: {said}" if equation.role is EquationRole.LAW and equation.owner else said
 
 
 @dataclass(frozen=True)
@@ -167,7 +174,7 @@ class StartEquations:
         names = assembly.parameter_names
         self.solved_for = [names.index(name) for name in self.initial.solve]
         self.steady = self.initial.mode == "steady"
-        self.loops = [StartRow(g, e.label or e.text, e.place) for g, e in zip(
+        self.loops = [StartRow(g, _words(e), e.place) for g, e in zip(
             split(assembly.alg), assembly.reduced.alg_equations, strict=True)]
         held = {h.name for h in assembly.flat.held}  # what these start at stands among the parameters
         conditions = [c for c in self.initial.conditions.values() if c.name not in held]
@@ -212,6 +219,24 @@ class StartEquations:
     def approach(self) -> StartSystem:
         """The guesses and conditions without the steady state: where the search begins."""
         return self._system([r for r in self.rows if not r.steady] + self.guesses)
+
+    @cached_property
+    def conditions(self) -> StartSystem:
+        """The conditions alone, without the loops."""
+        return self._system(self.rows[len(self.loops):])
+
+    @cached_property
+    def aims(self) -> StartSystem:
+        """The conditions and the guesses, without the loops."""
+        return self._system([*self.rows[len(self.loops):], *self.guesses])
+
+    @cached_property
+    def separate(self) -> bool:
+        """Whether the conditions, if any, are about states alone, so that these are known before the loops are solved."""
+        inner = {s.element_hash() for s in split(self.assembly.arguments[2])}
+        asked = self.rows[len(self.loops):]
+        return not self.steady and not self.solved_for and not any(
+            s.element_hash() in inner for row in asked for s in ca.symvar(row.residual))
 
     @cached_property
     def algebraic(self) -> StartSystem:

@@ -173,11 +173,11 @@ def _unmoved(equations: StartEquations, system: StartSystem, point: Point, row: 
 
 def _contradiction(equations: StartEquations, point: Point, conflict: Sequence[StartRow], follow: str) -> Problem:
     place = next((row.place for row in conflict if row.name), conflict[0].place)
-    notes = tuple(row.label for row in conflict)
+    notes = (*(row.label for row in conflict), *_at_bounds(equations, point))
     alone = conflict[0]
     assembly = equations.assembly
-    if all(row.steady for row in conflict):
-        return _no_rest(equations, point, conflict)
+    if (moving := [row for row in conflict if row.steady]) and not any(row.name for row in conflict):
+        return _no_rest(equations, point, moving)
     if len(conflict) > 1 or alone.name not in assembly.flat.names:
         return Problem("start-contradiction", "the initial values contradict each other", place,
                        f"Remove one of them, or make it a guess (`~`).{follow}", notes)
@@ -194,8 +194,9 @@ def _no_rest(equations: StartEquations, point: Point, conflict: Sequence[StartRo
     assembly = equations.assembly
     units = {f"steady: der({name}) = 0": (assembly.flat.unknowns[j].unit.text + "/s" * (order + 1)).replace("/s/s", "/s**2")
              for name, (j, order) in zip(assembly.state_names, assembly.reduced.states, strict=True)}
-    notes = tuple(f"{row.label.removeprefix('steady: ').removesuffix(' = 0')} stays at {raw[row]:.4g} {units[row.label]}"
-                  for row in conflict) + _inputs_held(assembly, point)
+    rates = (f"{row.label.removeprefix('steady: ').removesuffix(' = 0')} stays at {raw[row]:.4g} {units[row.label]}"
+             for row in conflict)
+    notes = (*rates, *_at_bounds(equations, point), *_inputs_held(assembly, point))
     return Problem("start-unsteady", "this machine has no steady state, or none that can be reached from the guess",
                    conflict[0].place, f"Something must hold or balance what moves there{_balances(equations, conflict)}."
                    "\nOr begin without `start: steady`, or give guesses (`~`) near the equilibrium.", notes)
@@ -226,7 +227,9 @@ def _conflict(system: StartSystem, point: Point, sizes: Array) -> list[int]:
         return []
     # equal shares, which differ by rounding, in the order of the file
     order = np.argsort(-np.round(share / share.max(), 6), kind="stable")
-    return [int(k) for k in order if share[k] > 0.1 * share.max()][:8]
+    # what the user asked for is told whatever its share, as it can be taken back
+    asked = [bool(system.rows[k].name) for k in range(len(share))]
+    return [int(k) for k in order if share[k] > (1e-4 if asked[k] else 0.1) * share.max()][:8]
 
 
 def _settling(equations: StartEquations, system: StartSystem, point: Point, sizes: Array) -> list[str]:
