@@ -39,6 +39,18 @@ def test_a_parallelogram_starts_from_any_guess(initial: str) -> None:
     assert found["rocker.phi"] == pytest.approx(found["crank.phi"], abs=1e-9)
 
 
+def test_a_strut_whose_ends_coincide_at_the_guess_does_not_spoil_the_choice_of_states() -> None:
+    """Its distance has no derivative there, where all frames lie at the origin."""
+    text = DIAGRAMS["parallelogram.yaml"].replace("components:", "components:\n  strut: {is: PlanarStrut}\n  zero: {is: Fixed}")
+    for node, port in (("left:   [", "strut.a"), ("coupler: [", "strut.b")):
+        text = text.replace(f"  {node}", f"  {node}{port}, ")
+    text = text.replace("nodes:", "nodes:\n  zero: [zero.a, strut.h]\n  free: [strut.r]")
+    lines = ["initial: {crank.phi: 60 deg, crank.w: 0 rad/s}" if line.startswith("initial:") else line
+             for line in text.splitlines()]
+    found = hb.simulate(hb.loads("\n".join(lines)), "0.1 s")
+    assert found["rocker.phi"] == pytest.approx(found["crank.phi"], abs=1e-9)
+
+
 @pytest.mark.parametrize(("initial", "changed", "said"), [
     ("crank.phi: 0 deg, crank.w: 1 rad/s, foot.phi: ~ 0 deg, coupler.phi: ~ 0 deg", {}, "begins at a dead centre"),
     ("crank.phi: 60 deg", {"coupler": "{is: RigidLink, l: 2 m}"}, "cannot be assembled"),

@@ -10,13 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.equations.flatten import Flat
-from heavebond.language.symbols import split, stack
+from heavebond.language.symbols import split, stack, uniform
 
 Array = NDArray[np.float64]
 # largest constraint, in usual sizes, that counts as kept, and Newton steps after which a guess is given up
 KEPT, STEPS = 1e-9, 50
 # usual sizes by which an unknown gives way, relative to those without a value: with an initial value, with a guess
 ASKED, GUESSED = 1e-4, 0.1
+# usual sizes by which a guess is moved where a constraint has no derivative
+OFF = 1e-2
 # more equations than these make the dense least-squares problem slower than the assembly
 LARGE = 1000
 
@@ -55,6 +57,8 @@ class ConstraintEquations:
         given = self.fixed()
         weight = np.array([1.0 if j not in given else ASKED if given[j] else GUESSED for j in self.columns])
         whole, y = guess.copy(), guess[list(self.columns)]
+        if not all(np.isfinite(found).all() for found in self.at(y, p)):  # the distance of two points that coincide there
+            y = y + OFF * self.nominal * [uniform(1, j) - 0.5 for j in self.columns]
         for _ in range(STEPS):
             residual, jacobian = self.at(y, p)
             if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
