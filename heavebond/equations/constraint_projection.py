@@ -10,15 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.equations.flatten import Flat
-from heavebond.language.symbols import split, stack, uniform
+from heavebond.language.symbols import split, stack
 
 Array = NDArray[np.float64]
 # largest constraint, in usual sizes, that counts as kept, and Newton steps after which a guess is given up
 KEPT, STEPS = 1e-9, 50
 # usual sizes by which an unknown gives way, relative to those without a value: with an initial value, with a guess
 ASKED, GUESSED = 1e-4, 0.1
-# usual sizes by which a guess is moved where a constraint has no derivative
-OFF = 1e-2
 # more equations than these make the dense least-squares problem slower than the assembly
 LARGE = 1000
 
@@ -57,17 +55,19 @@ class ConstraintEquations:
         given = self.fixed()
         weight = np.array([1.0 if j not in given else ASKED if given[j] else GUESSED for j in self.columns])
         whole, y = guess.copy(), guess[list(self.columns)]
-        if not all(np.isfinite(found).all() for found in self.at(y, p)):  # the distance of two points that coincide there
-            y = y + OFF * self.nominal * [uniform(1, j) - 0.5 for j in self.columns]
         for _ in range(STEPS):
             residual, jacobian = self.at(y, p)
-            if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
+            # the distance of two points has no derivative where they coincide: it follows once they have moved
+            usable = np.isfinite(residual) & np.isfinite(jacobian).all(axis=1)
+            kept = bool(np.abs(residual[usable]).max(initial=0.0) < KEPT)
+            if kept and not usable.all():
                 return None
-            if np.abs(residual).max() < KEPT:
+            if kept:
                 whole[list(self.columns)] = y
                 unknowns = ((self.flat.unknowns[j], whole[j]) for j in self.columns)
                 return whole if all(u.low <= value <= u.high for u, value in unknowns) else None
-            y = y + self.nominal * weight * np.linalg.lstsq(jacobian * weight, -residual, rcond=1e-10)[0]
+            y = y + self.nominal * weight * np.linalg.lstsq(
+                jacobian[usable] * weight, -residual[usable], rcond=1e-10)[0]
         return None
 
 
