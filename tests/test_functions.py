@@ -142,6 +142,8 @@ def test_a_variant_in_another_folder_knows_the_functions_of_both(folder: Callabl
     ({"drag": ("P = F*v ", "P = floor(F*v/1)")}, "function-refused", "jumps"),
     ({"drag": ("P = F*v ", "P = F*time*v ")}, "name-unknown", "'time' is not given"),
     ({"drag": ("P = F*v   ", "P + F = F*v   ")}, "function-left", "one name"),
+    ({"drag": ("P = F*v   ", "P[1] = F*v   ")}, "function-left", "each i in 1..n: y[i] = f(i, ...)"),
+    ({"drag": ("P = F*v   ", "each i in 1..2: P[i] = F*v   ")}, "function-left", "not its elements"),
     ({"drag": ("# power\n", "# power\n  e = 1 # nothing\n")}, "function-unused", "nothing uses 'e'"),
     ({"drag": ("1 mm/s", "1 mm")}, "unit-wrong", "value of v_t"),
     ({"drag": ("1 mm/s", "1")}, "unit-missing", "value of v_t"),

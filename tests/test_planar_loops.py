@@ -41,7 +41,8 @@ def test_a_parallelogram_starts_from_any_guess(initial: str) -> None:
 
 def test_a_strut_whose_ends_coincide_at_the_guess_does_not_spoil_the_choice_of_states() -> None:
     """Its distance has no derivative there, where all frames lie at the origin."""
-    text = DIAGRAMS["parallelogram.yaml"].replace("components:", "components:\n  strut: {is: PlanarStrut}\n  zero: {is: Fixed}")
+    text = DIAGRAMS["parallelogram.yaml"]
+    text = text.replace("components:", "components:\n  strut: {is: PlanarStrut}\n  zero: {is: Fixed}")
     for node, port in (("left:   [", "strut.a"), ("coupler: [", "strut.b")):
         text = text.replace(f"  {node}", f"  {node}{port}, ")
     text = text.replace("nodes:", "nodes:\n  zero: [zero.a, strut.h]\n  free: [strut.r]")

@@ -44,6 +44,8 @@ from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
 FUNCTION_KEYS = ("function", "summary", "restrictions", "source", "inputs", "outputs", "constants", "equations")
 # a function is a relation between numbers: it knows no derivative, no time and no jump that an event would have to find
 REFUSED = {"der": "a function relates values at one instant", "floor": "it jumps where no event stops the integrator"}
+ELEMENTS = ("Write a formula of whole lists (`y = x[2..n] - x[1..n - 1]`), or let the function give one element by its\n"
+            "indices, and write `each i in 1..n: y[i] = f(i, ...)` in the component, where `y` has `count: n`.")
 SNAKE_CASE = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 
@@ -124,6 +126,10 @@ class _Parser:
     def _steps(self, node: Node | None) -> tuple[Step, ...]:
         found = []
         for content, label, place in equation_lines(node, self.problems):
+            if re.match(r"each\s", content) or re.match(r"\w+\s*\[[^=]*=(?!=)", content):
+                self.problems.add("function-left", "a line of a function gives a whole list or matrix, not its elements",
+                                  place, hint=ELEMENTS)
+                continue
             tree = reading.parsed(parse_equation, content, place, self.problems)
             if tree is None:
                 continue

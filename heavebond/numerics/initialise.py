@@ -12,7 +12,7 @@ from heavebond.numerics import mechanism_messages, start_messages
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.idas import at_rest
 from heavebond.numerics.matrices import Matrix, added, finite, least_change, null_space, scaled
-from heavebond.numerics.newton import NewtonResult, Scaling, System, continued, newton, settled, weights
+from heavebond.numerics.newton import NewtonResult, Scaling, System, continued, newton, settled, sharpened, weights
 from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquations, StartSystem
 
 # widths of regularised laws are narrowed from this many times their size
@@ -282,7 +282,10 @@ class _Search:
             residual, jacobian = self.equations.algebraic.at(self._point(whole, 1.0))
             return residual, scaled(jacobian, None, self.assembly.z_nominal)
 
-        found = newton(at, y[inner], Scaling(self.assembly.z_nominal, self.frame.low[inner], self.frame.high[inner]))
+        frame = Scaling(self.assembly.z_nominal, self.frame.low[inner], self.frame.high[inner])
+        found = newton(at, y[inner], frame)
+        if found.good and found.steps:
+            found = sharpened(at, found, frame)
         raw, jacobian = at(found.y)
         if not found.good:
             raise start_messages.failure(self.equations, self._point(whole, 1.0), found.residual, self.equations.algebraic,
