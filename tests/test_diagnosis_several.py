@@ -260,8 +260,8 @@ def test_a_candidate_that_the_test_data_exclude_does_not_lead() -> None:
         means = np.repeat([fitted, selection, test], 400)
         return PredictiveErrors(means, np.ones(1200), np.repeat([0, 1, 2], 400), np.repeat([FITTED, SELECTION, TEST], 400))
 
-    def trial(name: str, found: PredictiveErrors) -> Refit:
-        candidate = SimpleNamespace(label=name, component=name, kind=name, where=(name,))
+    def trial(name: str, found: PredictiveErrors, attaches: str = "across") -> Refit:
+        candidate = SimpleNamespace(label=name, component=name, kind=name, where=(name,), attaches=attaches)
         return Refit(candidate, SimpleNamespace(noise_given=True), {}, found.mean(FITTED) * 400,  # type: ignore[arg-type]
                      found.mean(FITTED), found.mean(SELECTION, TEST), 400, 800, 1, (), 0.0, 0, errors=found)
 
@@ -271,6 +271,12 @@ def test_a_candidate_that_the_test_data_exclude_does_not_lead() -> None:
                  ResidualTests(0, 0, 0, 9), (), (by_merit, robust), None, (), {}, (), False, 0.0, errors=before)
     assert merit(by_merit) < merit(robust)
     assert [stage.chosen.candidate.label for stage in leaders(made, 2) if stage.chosen] == ["B"]
+
+    # where noise is left, what a part of the diagram has already goes before a further part that fits a little better
+    added, own = trial("added", made_of(0.999, 0.999, 0.999)), trial("own", made_of(1, 1, 1), "in")
+    for trials, leader in (((added, own), "own"), ((added, trial("far", made_of(1.2, 1.2, 1.2), "in")), "added")):
+        first = leaders(replace(made, trials=trials), 1)[0].chosen
+        assert first is not None and first.candidate.label == leader
 
 
 def test_a_law_whose_further_numbers_are_not_needed_becomes_the_simpler_one() -> None:

@@ -20,7 +20,7 @@ from heavebond.diagnosis.candidate_workers import Workers
 from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.equivalent_values import equivalent_values
 from heavebond.diagnosis.fixed_values import fixed_values
-from heavebond.diagnosis.identity import STRONG, Identity, compared, likelihood
+from heavebond.diagnosis.identity import STRONG, Identity, compared, leaves_noise, likelihood
 from heavebond.diagnosis.like_places import beyond_their_members, candidates
 from heavebond.diagnosis.places import Places
 from heavebond.diagnosis.predictive_errors import SELECTION, TEST, PredictiveErrors, predictive_errors
@@ -273,11 +273,14 @@ def _judged(base: Base, errors: PredictiveErrors, left: ResidualTests, scores: S
 
 def _leader(made: Stage, earned: Sequence[Refit]) -> Refit:
     """The best on the data that select, among those that the test data do not exclude either: the first that is compared
-    as well as the one with the largest likelihood on all records."""
+    as well as the one with the largest likelihood on all records. Where it leaves no more than noise, an effect that a part
+    of the diagram has already, as a number that is absent, goes before one that needs a further part."""
     best = min(earned, key=likelihood)
     assert made.errors is not None
     members = compared(best, earned, made.errors).members
-    return min(members, key=merit)
+    first = min(members, key=merit)
+    own = [t for t in members if t.candidate.attaches == "in" and t.unknowns <= first.unknowns and leaves_noise(t)]
+    return min(own, key=merit) if own and leaves_noise(first) else first
 
 
 def choosing(made: Stage, trial: Refit) -> Stage:
