@@ -15,6 +15,7 @@ export class Diagram {
     this.sheet = byId("sheet");
     /** @type {SVGSVGElement|null} */
     this.svg = null;
+    this.drawn = ""; // of what is drawn
     this.scale = 1;
     this.x = 0;
     this.y = 0;
@@ -28,6 +29,9 @@ export class Diagram {
 
   /** @param {string} text @param {Record<string, any>} parts @param {boolean} fit */
   draw(text, parts, fit) {
+    const key = text + JSON.stringify(Object.entries(parts).map(([path, part]) => [path, part.kind, part.block, part.ports]));
+    if (key === this.drawn && !fit) return; // a comment or a value was typed
+    this.drawn = key;
     const held = document.activeElement?.closest?.("[data-part], .reach"), focus = held && this.sheet.contains(held) ?
       [held.getAttribute("data-part"), held.getAttribute("data-node")] : null;
     const svg = /** @type {any} */ (document.importNode(new DOMParser().parseFromString(text, "image/svg+xml").documentElement, true));
@@ -39,7 +43,9 @@ export class Diagram {
       this.y += (svg.viewBox.baseVal.y - before.y) * this.scale;
     }
     svg.querySelector(":scope > rect")?.remove(); // the white sheet; the page gives the ground
-    for (const group of svg.querySelectorAll("g.part[data-part]")) this.prepare(group, parts);
+    // all sizes first: a change between two of them would lay out the whole drawing again
+    const groups = [...svg.querySelectorAll("g.part[data-part]")], boxes = groups.map((group) => group.getBBox());
+    groups.forEach((group, k) => this.prepare(group, boxes[k], parts));
     for (const wire of svg.querySelectorAll("path.wire[data-node]")) {
       const reach = document.createElementNS(SVG, "path");
       for (const [name, value] of [["d", wire.getAttribute("d")], ["data-node", wire.getAttribute("data-node")], ["class", "reach"],
@@ -54,10 +60,10 @@ export class Diagram {
       found.getAttribute("data-part") === focus[0] : found.getAttribute("data-node") === focus[1] && found.classList.contains("reach")))?.focus();
   }
 
-  /** A frame around a part, which takes clicks and shows what is selected. @param {any} group @param {Record<string, any>} parts */
-  prepare(group, parts) {
+  /** A frame around a part, which takes clicks and shows what is selected. @param {any} group @param {DOMRect} box @param {Record<string, any>} parts */
+  prepare(group, box, parts) {
     const path = group.getAttribute("data-part"), part = parts[path];
-    const box = group.getBBox(), frame = document.createElementNS(SVG, "rect");
+    const frame = document.createElementNS(SVG, "rect");
     for (const [name, value] of [["x", box.x - 4], ["y", box.y - 4], ["width", box.width + 8], ["height", box.height + 8], ["rx", 5], ["class", "frame"]])
       frame.setAttribute(String(name), String(value));
     group.prepend(frame);
@@ -70,6 +76,7 @@ export class Diagram {
   clear() {
     this.sheet.replaceChildren();
     this.svg = null;
+    this.drawn = "";
   }
 
   /** A point of the screen in the coordinates of the drawing. @param {{clientX: number, clientY: number}} event */
