@@ -301,7 +301,7 @@ static const char *advance(Values *now, double end, bool *crossed) {
   const char *wrong = evaluate(now);
   Linear here;
   *crossed = false;
-  if (wrong || (model_n_c && (wrong = look(now, a, ra)) != NULL)) return wrong;
+  if (wrong || (model_n_c > 0 && (wrong = look(now, a, ra)) != NULL)) return wrong;
   memcpy(y, now->x, sizeof(double) * model_n_x);
   memcpy(y + model_n_x, now->z, sizeof(double) * model_n_z);
   if (linearise(now->t, y, now->p, now->u, &here)) return NO_STEP;

@@ -46,8 +46,20 @@ def c_text(made: Portable, prefix: str, *, whole: bool = False) -> str:
         for function in (made.directions, made.jacobian, made.happenings, made.instants):
             generator.add(function)
     evaluate = (SOURCES / "evaluate.c").read_text(encoding="utf-8")
-    return "\n".join([_head(made, prefix), generator.dump(), *_arrays(made, prefix),
+    return "\n".join([_head(made, prefix), _used(generator.dump()), *_arrays(made, prefix),
                       *(_event_arrays(made, prefix) if whole else []), evaluate.replace("MODEL", prefix)])
+
+
+UNUSED = ("arg", "res", "iw", "w", "mem")  # arguments that CasADi gives to every function
+
+
+def _used(code: str) -> str:
+    """Generated functions without warnings of arguments that they do not use."""
+    def add(found: re.Match[str]) -> str:
+        names = [argument.split()[-1].strip("*") for argument in found[2].split(",")]
+        return found[1] + "".join(f" (void) {name};" for name in names if name in UNUSED)
+
+    return re.sub(r"^((?:static|CASADI_SYMBOL_EXPORT) [^\n;{}()]*\(([^\n()]+)\) ?\{)$", add, code, flags=re.MULTILINE)
 
 
 def _head(made: Portable, prefix: str) -> str:
