@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from math import inf
 
 import casadi as ca
 
 from heavebond.core.errors import ModelError, Place, Problems
-from heavebond.core.units import DIMENSIONLESS, ONE, Dimension, Unit, declared_unit, dimension_text, read_unit
-from heavebond.equations.connect import Group, Network, connect, drivers, signal_unit
+from heavebond.core.units import DIMENSIONLESS, ONE, Unit, declared_unit, dimension_text, read_unit
+from heavebond.equations.connect import Network, connect, drivers
 from heavebond.equations.events import FlatEvent, Held, held_bounds, leaf_events, with_held
 from heavebond.equations.expand import expand
-from heavebond.equations.expanded import Bound, Expanded, Leaf
+from heavebond.equations.expanded import Bound, Expanded
+from heavebond.equations.flat_unknowns import Unknowns
 from heavebond.equations.medium import with_media
 from heavebond.equations.output_checks import check_asked
 from heavebond.equations.ownership import Names, check_outputs, claim_clocks, claim_names
@@ -28,16 +28,15 @@ from heavebond.equations.parameters import (
     parameter_bounds,
     solved_unit,
 )
-from heavebond.equations.resolver import NOTHING_KNOWN, Bond, PlausibleRange, Resolver, Unknown, plausible
+from heavebond.equations.resolver import Bond, Resolver, Unknown
 from heavebond.equations.time_conditions import check_steps, timed
-from heavebond.language.definition import Domain, FileInput, Member, Value
+from heavebond.language.definition import Domain, FileInput, Value
 from heavebond.language.incidence import Interval, classify
 from heavebond.language.model import Model
 from heavebond.language.symbols import nonsmooth, split, stack
 from heavebond.language.template import LEVELS, Template, template
 from heavebond.language.values import add_formula_problem, check_dimension
-from heavebond.text.expression import Expr, ExpressionProblem, calling, constant, names, parse_formula
-from heavebond.text.shapes import whole_number
+from heavebond.text.expression import ExpressionProblem, calling, constant, names, parse_formula
 
 SECOND = declared_unit("s").dimension
 Entries = list[tuple[int, int]]  # (column, kind); column = level * len(unknowns) + unknown
@@ -173,19 +172,12 @@ class _Builder:
         self.held: tuple[Held, ...] = ()
         self.events: list[FlatEvent] = []
         self.templates: dict[str, Template] = {}
-        self.nominal_of: dict[Dimension, float] = {}
-        self.plausible_of: dict[str, PlausibleRange] = {}  # by unit: a torque and an energy differ in no dimension
-        for domain in self.domains.values():
-            for name, member in domain.members.items():
-                self.nominal_of.setdefault(member.unit.dimension, member.nominal)
-                if member.sized:
-                    usual = PlausibleRange(member.nominal, plausible(domain, name).per_second)
-                    self.plausible_of.setdefault(member.unit.text, usual)
 
     def build(self, also: tuple[str, ...]) -> Flat:
         self._make_templates()
         check_values(self.expanded, self.parameters, self.templates)
-        self._make_unknowns(also)
+        made = Unknowns(self.expanded, self.network, self.templates, self.claimed, also)
+        self.unknowns, self.names, self.bonds, self.block_bonds = made.listed, made.names, made.bonds, made.block_bonds
         self.n = len(self.unknowns)
         self.levels = [[ca.SX.sym("d" * k + u.name) for u in self.unknowns] for k in range(LEVELS)]
         self.columns = [stack(level) for level in self.levels]
@@ -250,7 +242,6 @@ class _Builder:
                         tuple(tuple(level) for level in self.levels), self.time, self.rate,
                         {**self.bonds, **self.block_bonds})
 
-    # -- unknowns --------------------------------------------------------------------------------------------------
     def _make_templates(self) -> None:
         for path, leaf in self.expanded.leaves.items():
             inner = {e.path for w in leaf.component.body.wires.values() for e in w.ends}
@@ -260,86 +251,6 @@ class _Builder:
                     and {*component.ports, *component.signal_names} <= inner:
                 continue
             self.templates[path] = template(component, self.domains, self.network.domains[path], leaf.integers)
-
-    def _make_unknowns(self, also: tuple[str, ...]) -> None:
-        positions = self._positions(also)
-        for k, group in enumerate(self.network.groups):
-            if group.domain == "signal":
-                self._signal_unknown(group)
-            elif group.ports:
-                self._across_unknowns(group, positions.get(k, ()))
-        for path, leaf in self.expanded.leaves.items():
-            for port, domain_name in self.network.domains[path].items():
-                self._through_unknowns(path, port, self.domains[domain_name], leaf)
-            for name, variable in leaf.component.unknowns.items():
-                unit = solved_unit(variable.unit, leaf, self.expanded, self.network)
-                usual = self.plausible_of.get(unit.text, NOTHING_KNOWN)
-                self._unknown(Unknown(
-                    f"{path}.{name}", unit, variable.nominal or self._nominal(unit, variable.start), "own", variable.place,
-                    variable.doc, -inf if variable.low is None else variable.low,
-                    inf if variable.high is None else variable.high, variable.start,
-                    plausible=usual if variable.nominal is None else PlausibleRange(variable.nominal)), ())
-
-    def _nominal(self, unit: Unit, start: float | None) -> float:
-        usual = self.nominal_of.get(unit.dimension, 1.0)
-        return max(usual, abs(start)) if start else usual
-
-    def _unknown(self, unknown: Unknown, aliases: Iterable[str]) -> None:
-        index = len(self.unknowns)
-        self.unknowns.append(unknown)
-        for name in (unknown.name, *aliases):
-            known = self.unknowns[self.names.setdefault(name, index)]
-            assert known is unknown, f"'{name}' is the name of two unknowns: {known.place} and {unknown.place}"
-            assert name in self.claimed.owners, f"nothing was told of '{name}' ({unknown.place})"
-
-    def _signal_unknown(self, group: Group) -> None:
-        unit = signal_unit(self.expanded, group.ports[0], self.network.units)
-        leaf, _, name = group.ports[0].rpartition(".")
-        doc = self.expanded.leaves[leaf].component.signals[name].doc
-        self._unknown(Unknown(group.name, unit, self._nominal(unit, None), "signal", group.place, doc,
-                              plausible=self.plausible_of.get(unit.text, NOTHING_KNOWN)), group.aliases)
-
-    def _across_unknowns(self, group: Group, positions: Iterable[str]) -> None:
-        domain = self.domains[group.domain]
-        members = [*((m, "across") for m in domain.across), *((m, "position") for m in positions)]
-        for name, role in members:
-            member: Member = domain.members[name]
-            low, high = (-inf, inf) if member.low is None else (member.low, member.largest or inf)
-            self._unknown(Unknown(f"{group.name}.{name}", member.unit, member.nominal, role, group.place, member.doc,
-                                  low, high, start=member.start,
-                                  motion=bool(domain.positions) and role == "across", plausible=plausible(domain, name)),
-                          [f"{alias}.{name}" for alias in group.aliases])
-
-    def _through_unknowns(self, path: str, port: str, domain: Domain, leaf: Leaf) -> None:
-        count = leaf.component.ports[port].count
-        copies = [port] if count is None else [
-            f"{port}[{k + 1}]" for k in range(whole_number(count, leaf.integers) or 0)]
-        for copy in copies:
-            for name in domain.through:
-                member = domain.members[name]
-                self._unknown(Unknown(f"{path}.{copy}.{name}", member.unit, member.nominal, "through", leaf.place,
-                                      member.doc, plausible=plausible(domain, name)), ())
-            efforts, flows = (domain.efforts, domain.flows) if not domain.power else ((), (domain.power,))
-            bonds = self.block_bonds if leaf.component.composite else self.bonds
-            bonds[f"{path}.{copy}"] = Bond(path, tuple(self.names[f"{path}.{copy}.{effort}"] for effort in efforts),
-                                           tuple(self.names[f"{path}.{copy}.{flow}"] for flow in flows))
-
-    def _positions(self, also: tuple[str, ...]) -> dict[int, list[str]]:
-        """The positions of each group that an equation, an input, an initial value, an output or a caller names."""
-        wanted = {f"{path}.{slot}" for path, made in self.templates.items() for slot in made.slots}
-        model = self.expanded.model
-        formulas: list[tuple[str, Expr]] = [("", shown.expr) for shown in model.show.values()]
-        for leaf in self.expanded.leaves.values():
-            formulas += [(b.scope, b.value.expr) for b in leaf.inputs.values() if isinstance(b.value, Value)]
-        wanted |= {scope + n.text for scope, expr in formulas for n in names(expr)}
-        wanted |= {*model.initial.conditions, *also}
-        found: dict[int, list[str]] = {}
-        for k, group in enumerate(self.network.groups):
-            positions = self.domains[group.domain].positions if group.domain in self.domains else ()
-            named = [position for position in positions if any(f"{alias}.{position}" in wanted for alias in group.aliases)]
-            if named:
-                found[k] = named
-        return found
 
     # -- equations -------------------------------------------------------------------------------------------------
     def _add(self, equation: FlatEquation, residual: ca.SX, entries: Entries) -> None:

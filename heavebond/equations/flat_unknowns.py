@@ -1,0 +1,120 @@
+"""The unknowns of a flat model: across and through variables, positions, signals and the own variables of components."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from math import inf
+
+from heavebond.core.units import Dimension, Unit
+from heavebond.equations.connect import Group, Network, signal_unit
+from heavebond.equations.expanded import Expanded, Leaf
+from heavebond.equations.ownership import Names
+from heavebond.equations.parameters import solved_unit
+from heavebond.equations.resolver import NOTHING_KNOWN, Bond, PlausibleRange, Unknown, plausible
+from heavebond.language.definition import Domain, Member, Value
+from heavebond.language.template import Template
+from heavebond.text.expression import Expr, names
+from heavebond.text.shapes import whole_number
+
+
+class Unknowns:
+    """The unknowns in the order of the diagram, with their names and aliases: `listed`, `names` (name to index), and the
+    ports as `bonds` of components and `block_bonds` of blocks. `also` names positions that a caller wants."""
+
+    def __init__(self, expanded: Expanded, network: Network, templates: Mapping[str, Template], claimed: Names,
+                 also: tuple[str, ...]):
+        self.expanded, self.network, self.templates, self.claimed = expanded, network, templates, claimed
+        self.domains = expanded.model.library.domains
+        self.listed: list[Unknown] = []
+        self.names: dict[str, int] = {}
+        self.bonds: dict[str, Bond] = {}
+        self.block_bonds: dict[str, Bond] = {}
+        self.nominal_of: dict[Dimension, float] = {}
+        self.plausible_of: dict[str, PlausibleRange] = {}  # by unit: a torque and an energy differ in no dimension
+        for domain in self.domains.values():
+            for name, member in domain.members.items():
+                self.nominal_of.setdefault(member.unit.dimension, member.nominal)
+                if member.sized:
+                    usual = PlausibleRange(member.nominal, plausible(domain, name).per_second)
+                    self.plausible_of.setdefault(member.unit.text, usual)
+        self._make(also)
+
+    def _make(self, also: tuple[str, ...]) -> None:
+        positions = self._positions(also)
+        for k, group in enumerate(self.network.groups):
+            if group.domain == "signal":
+                self._signal_unknown(group)
+            elif group.ports:
+                self._across_unknowns(group, positions.get(k, ()))
+        for path, leaf in self.expanded.leaves.items():
+            for port, domain_name in self.network.domains[path].items():
+                self._through_unknowns(path, port, self.domains[domain_name], leaf)
+            for name, variable in leaf.component.unknowns.items():
+                unit = solved_unit(variable.unit, leaf, self.expanded, self.network)
+                usual = self.plausible_of.get(unit.text, NOTHING_KNOWN)
+                self._unknown(Unknown(
+                    f"{path}.{name}", unit, variable.nominal or self._nominal(unit, variable.start), "own", variable.place,
+                    variable.doc, -inf if variable.low is None else variable.low,
+                    inf if variable.high is None else variable.high, variable.start,
+                    plausible=usual if variable.nominal is None else PlausibleRange(variable.nominal)), ())
+
+    def _nominal(self, unit: Unit, start: float | None) -> float:
+        usual = self.nominal_of.get(unit.dimension, 1.0)
+        return max(usual, abs(start)) if start else usual
+
+    def _unknown(self, unknown: Unknown, aliases: Iterable[str]) -> None:
+        index = len(self.listed)
+        self.listed.append(unknown)
+        for name in (unknown.name, *aliases):
+            known = self.listed[self.names.setdefault(name, index)]
+            assert known is unknown, f"'{name}' is the name of two unknowns: {known.place} and {unknown.place}"
+            assert name in self.claimed.owners, f"nothing was told of '{name}' ({unknown.place})"
+
+    def _signal_unknown(self, group: Group) -> None:
+        unit = signal_unit(self.expanded, group.ports[0], self.network.units)
+        leaf, _, name = group.ports[0].rpartition(".")
+        doc = self.expanded.leaves[leaf].component.signals[name].doc
+        self._unknown(Unknown(group.name, unit, self._nominal(unit, None), "signal", group.place, doc,
+                              plausible=self.plausible_of.get(unit.text, NOTHING_KNOWN)), group.aliases)
+
+    def _across_unknowns(self, group: Group, positions: Iterable[str]) -> None:
+        domain = self.domains[group.domain]
+        members = [*((m, "across") for m in domain.across), *((m, "position") for m in positions)]
+        for name, role in members:
+            member: Member = domain.members[name]
+            low, high = (-inf, inf) if member.low is None else (member.low, member.largest or inf)
+            self._unknown(Unknown(f"{group.name}.{name}", member.unit, member.nominal, role, group.place, member.doc,
+                                  low, high, start=member.start,
+                                  motion=bool(domain.positions) and role == "across", plausible=plausible(domain, name)),
+                          [f"{alias}.{name}" for alias in group.aliases])
+
+    def _through_unknowns(self, path: str, port: str, domain: Domain, leaf: Leaf) -> None:
+        count = leaf.component.ports[port].count
+        copies = [port] if count is None else [
+            f"{port}[{k + 1}]" for k in range(whole_number(count, leaf.integers) or 0)]
+        for copy in copies:
+            for name in domain.through:
+                member = domain.members[name]
+                self._unknown(Unknown(f"{path}.{copy}.{name}", member.unit, member.nominal, "through", leaf.place,
+                                      member.doc, plausible=plausible(domain, name)), ())
+            efforts, flows = (domain.efforts, domain.flows) if not domain.power else ((), (domain.power,))
+            bonds = self.block_bonds if leaf.component.composite else self.bonds
+            bonds[f"{path}.{copy}"] = Bond(path, tuple(self.names[f"{path}.{copy}.{effort}"] for effort in efforts),
+                                           tuple(self.names[f"{path}.{copy}.{flow}"] for flow in flows))
+
+    def _positions(self, also: tuple[str, ...]) -> dict[int, list[str]]:
+        """The positions of each group that an equation, an input, an initial value, an output or a caller names."""
+        wanted = {f"{path}.{slot}" for path, made in self.templates.items() for slot in made.slots}
+        model = self.expanded.model
+        formulas: list[tuple[str, Expr]] = [("", shown.expr) for shown in model.show.values()]
+        for leaf in self.expanded.leaves.values():
+            formulas += [(b.scope, b.value.expr) for b in leaf.inputs.values() if isinstance(b.value, Value)]
+        wanted |= {scope + n.text for scope, expr in formulas for n in names(expr)}
+        wanted |= {*model.initial.conditions, *also}
+        found: dict[int, list[str]] = {}
+        for k, group in enumerate(self.network.groups):
+            positions = self.domains[group.domain].positions if group.domain in self.domains else ()
+            named = [position for position in positions if any(f"{alias}.{position}" in wanted for alias in group.aliases)]
+            if named:
+                found[k] = named
+        return found
