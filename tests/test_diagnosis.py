@@ -143,6 +143,13 @@ def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) 
     made = stage.make_stage(machine.case([4.0]).experiment, number=1, classes=["series compliance", "backlash"])
     assert {t.candidate.kind for t in made.trials} == {"series compliance", "backlash"}
     assert {t.candidate.kind for t in made.cluster} == {"series compliance"}
+    closed = [t for t in made.trials if t.chi2_fit < 1.1 and t.candidate.kind == "backlash"]
+    assert closed and all(t.unshown == ("backlash.gap",) for t in closed)
+    assert all(t.unshown == () for t in made.cluster)
+    # were its gap seen, it would be another explanation
+    seen = [replace(t, unshown=()) if t in closed else t for t in made.trials]
+    again = stage.choosing(replace(made, trials=tuple(seen)), made.cluster[0])
+    assert {t.candidate.kind for t in again.cluster} == {"series compliance", "backlash"}
     # another end that leaves more elsewhere, yet no more than noise, stays; one that leaves more does not
     best, other = made.cluster
     noise = 1 + residual_tests.SIGMAS * (2 / best.samples_held_out) ** 0.5

@@ -20,6 +20,7 @@ from heavebond.diagnosis.diagnosis import _beside, _noticeable, _SearchState, _w
 from heavebond.diagnosis.fixed_values import VALUE
 from heavebond.diagnosis.ladder import AddedEffect
 from heavebond.diagnosis.predictive_errors import FITTED, SELECTION, TEST, PredictiveErrors
+from heavebond.diagnosis.range_ends import unshown_amplitudes
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.residual_tests import ResidualTests
 from heavebond.diagnosis.stage import Stage, leaders, merit, simpler_law
@@ -300,3 +301,25 @@ def test_a_law_whose_further_numbers_are_not_needed_becomes_the_simpler_one() ->
     # a little more on the selection data is chance, but with the larger merit a search would go to and fro
     assert simpler(trial("larger merit", 4, 1.011)) is None
     assert simpler(trial("elsewhere", 4, 1.0, where="wall"), trial("another class", 4, 1.0, kind="drag")) is None
+
+
+def test_an_amplitude_is_shown_where_the_error_rises_without_it() -> None:
+    """A straight line through 100 samples of noise 1, of which the slope is an amplitude and the offset is free: without the
+    slope the sum of squares rises by (slope/its standard error)**2, which counts from 12 on."""
+    x = np.linspace(0, 1, 100)
+    J = np.stack([np.ones(100), x], axis=1)
+    error = 1 / np.sqrt(np.sum((x - x.mean()) ** 2))
+
+    def unshown(slope: float, neutral: float | None) -> tuple[str, ...]:
+        number: Any = SimpleNamespace(name="law.k", amplitude=True, neutral=0.0, sought="" if neutral is None else None)
+        columns = [SimpleNamespace(free=SimpleNamespace(name=name, range=SimpleNamespace(low=-1.0, high=99.0)),
+                                   inner=lambda value: value) for name in ("c", "law.k")]
+        problem: Any = SimpleNamespace(
+            columns=columns, low=np.array([-1.0, -1.0]), high=np.array([99.0, 99.0]), evaluate=lambda inner: (None, J),
+            priors=lambda inner: (np.zeros(0), np.zeros((0, 2))), at_end=lambda inner: np.zeros(2, bool))
+        return unshown_amplitudes(problem, [number], np.array([0.5, slope]), np.zeros(100))
+
+    assert unshown(3.3 * error, 0.0) == ("law.k",) and unshown(3.6 * error, 0.0) == ()
+    # one that cannot be 0 is compared with the ends of its range, -1 and 99
+    assert unshown(3.3 * error - 1, None) == ("law.k",) and unshown(3.6 * error - 1, None) == ()
+    assert unshown(99 - 3.3 * error, None) == ("law.k",)

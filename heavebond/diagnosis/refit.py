@@ -19,7 +19,7 @@ from heavebond.core.units import Range
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.early_stopping import LITTLE, Enough, made_progress, stop_inferior_starts, stop_stalled
 from heavebond.diagnosis.predictive_errors import SELECTION, TEST, PredictiveErrors, predictive_errors
-from heavebond.diagnosis.range_ends import passed_ends
+from heavebond.diagnosis.range_ends import passed_ends, unshown_amplitudes
 from heavebond.diagnosis.scoring import (
     BEYOND,
     Base,
@@ -68,7 +68,8 @@ class Refit:
     starts, of a refit that may be followed further, the best first; it `falls` where one of them still fell steeply, or
     the best of them stands at an end of an amplitude's range that no declared bound is. `errors` are its predictive
     errors. `beyond` are numbers of the candidate at an end of the range in which they were sought, beyond which the sum of
-    squares would fall: it is not the minimum (see `range_ends`). `inner` are the values as unknowns of its least squares
+    squares would fall: it is not the minimum (see `range_ends`), and `unshown` its amplitudes that the records do not tell
+    from none. `inner` are the values as unknowns of its least squares
     problem."""
 
     candidate: Candidate
@@ -88,6 +89,7 @@ class Refit:
     falls: bool = False
     errors: PredictiveErrors | None = field(default=None, repr=False, compare=False)
     beyond: tuple[str, ...] = ()
+    unshown: tuple[str, ...] = ()
     inner: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
 
     @property
@@ -450,7 +452,7 @@ class _RefitProblem:
                      errors.mean(SELECTION, TEST), len(r), errors.samples(SELECTION, TEST), len(inner), at_end,
                      max((g.gain for g in self.guesses), default=float("nan")),
                      problem.evaluations, errors=errors, beyond=passed_ends(problem, self.candidate.numbers, inner, r),
-                     inner=inner)
+                     unshown=unshown_amplitudes(problem, self.candidate.numbers, inner, r), inner=inner)
 
     def slack(self, inner: Array) -> float:
         """What the numbers' own uncertainty does to the figure on what was held out. With r (n,) and J (n, m) the residuals

@@ -302,10 +302,13 @@ def _as_good(trial: Refit, best: Refit) -> bool:
 
 
 def _needless(trial: Refit, simpler: Refit) -> bool:
-    """Whether a law with fewer numbers at the same place leaves no more than this one, but for chance: play whose gap has
-    closed in the fit is the compliance beside it. That no law is exact is no excuse for one that could bend further."""
+    """Whether this law refines a simpler one at the same place that leaves no more, but for chance: where both are of one
+    class, and where an amplitude of it is not shown (play whose gap has closed in the fit is the compliance beside it). A
+    law of another class whose amplitudes are shown is another explanation, however many numbers it has. That no law is exact
+    is no excuse for one that could bend further."""
     fit = (simpler.cost - trial.cost) / max(1.0, trial.chi2_fit)
-    return set(trial.candidate.where) == set(simpler.candidate.where) and trial.unknowns > simpler.unknowns \
+    refines = same_class(trial.candidate.kind, simpler.candidate.kind) or bool(trial.unshown)
+    return refines and set(trial.candidate.where) == set(simpler.candidate.where) and trial.unknowns > simpler.unknowns \
         and fit < EARNED \
         and not fallen(simpler.chi2_held_out, trial.chi2_held_out, trial.samples_held_out) > EARNED  # (NaN: none held out)
 
