@@ -33,11 +33,9 @@ class Whitening:
         """Of transitions phi (N-1, n, n), rows c (N, m, n) and independent states of this `deviation` (n,) at the start."""
         (count, m, n), p = c.shape, np.diag(deviation**2)
         by_state, by_error = np.zeros((count, m, n)), np.zeros((count, m, m))
-        kept, taken = np.empty((count, n, n)), np.empty((count, n, m))  # x after a sample by that before, and by e
+        steps, gains = np.empty((count - 1, n, n)), np.empty((count - 1, n, m))
         for i in range(count):
-            if i:
-                p = phi[i - 1] @ p @ phi[i - 1].T
-            keeps, takes = np.eye(n), np.zeros((n, m))
+            keeps, takes = np.eye(n), np.zeros((n, m))  # x after the sample by that before, and by e
             for k, row in enumerate(c[i]):
                 towards = p @ row
                 variance = float(row @ towards) + 1.0
@@ -53,8 +51,9 @@ class Whitening:
                 # the form of P. D. Joseph, by which P stays a covariance
                 p = p - gain[:, None] * towards
                 p = p + (gain - p @ row)[:, None] * gain
-            kept[i], taken[i] = keeps, takes
-        return cls(by_state, by_error, phi @ kept[:-1], phi @ taken[:-1])
+            if i < count - 1:
+                steps[i], gains[i], p = phi[i] @ keeps, phi[i] @ takes, phi[i] @ p @ phi[i].T
+        return cls(by_state, by_error, steps, gains)
 
     def innovations(self, error: Array, first: Array, driven: Array) -> Array:
         """v (N, m, K) of errors (N, m, K), from the states first (n, K), with driven (N-1, n, K) = u."""
