@@ -248,3 +248,10 @@ simulate: {{until: 3 s}}
     assert (found.kind, found.part) == ("range", "part")
     assert found.time == pytest.approx(5**0.5, abs=0.003)  # of the next output point
     assert not hb.simulate(hb.loads(text.replace("until: 3 s", "until: 2 s"))).verdict.findings
+
+
+def test_a_vector_that_tells_another_size_than_a_matrix() -> None:
+    text = "model: gain\ncomponents:\n  k: {is: MatrixGain, K: [[1, 0], [-1, 2]], u: [1, 2, 3]}\nnodes: {out: [k.y]}\n"
+    with pytest.raises(hb.ModelError, match="a matrix of 2 rows and 3 columns for K") as caught:
+        hb.assemble(hb.loads(text))
+    assert "Or give the other lists of 'k' the same length" in str(caught.value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 from heavebond.core.errors import HeavebondError, ModelError, Place, Problems, listing, suggest
@@ -236,10 +237,16 @@ class _Opener:
         for name in names:
             parameter = component.parameters[name]
             if "[" in name:
-                count = sum(other.partition("[")[0] == name.partition("[")[0] for other in component.parameters)
-                self.problems.add("parameter-missing", f"'{path}' ({component.name}) needs a list of {count} values for "
-                                  f"{name.partition('[')[0]} ({parameter.doc}); {name} is not given", place,
-                                  hint=f"Write `{name.partition('[')[0]}: [..., ...]`, each value with its unit.")
+                base = name.partition("[")[0]
+                elements = [other for other in component.parameters if other.partition("[")[0] == base]
+                rows, *columns = re.findall(r"\d+", elements[-1].removeprefix(base))
+                what = f"a matrix of {rows} rows and {columns[0]} columns" if columns else f"a list of {rows} values"
+                form = "[[..., ...], ...]" if columns else "[..., ...]"
+                given = "" if set(elements) <= set(names) else \
+                    f"\nOr give the other lists of '{path}' the same length: they tell this size, too."
+                self.problems.add("parameter-missing", f"'{path}' ({component.name}) needs {what} for {base} "
+                                  f"({parameter.doc}); {name} is not given", place,
+                                  hint=f"Write `{base}: {form}`, each value with its unit.{given}")
                 return
             unit = "" if parameter.integer or parameter.unit.text == "1" else f" {parameter.unit.text}"
             self.problems.add("parameter-missing", f"'{path}' ({component.name}) needs a value for {name}"
