@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import platform
@@ -9,9 +10,11 @@ import resource
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import casadi
@@ -95,11 +98,21 @@ def duration(time_s: float) -> str:
     return f"{time_s:.2f} s" if abs(time_s) >= 0.9995 else f"{1e3 * time_s:.3g} ms"
 
 
+@cache
+def _bytecode() -> str:
+    """A folder for the bytecode of modules: installed packages have theirs compiled, a copy of the sources perhaps not."""
+    folder = tempfile.TemporaryDirectory()
+    atexit.register(folder.cleanup)
+    return folder.name
+
+
 def process(*arguments: str) -> str:
-    """What Python says when called like this; CalledProcessError where it fails."""
+    """What Python says when called like this; CalledProcessError where it fails. From its second call on, modules are read
+    as bytecode, whatever the settings of this process."""
     paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH", "")])]
-    return subprocess.run([sys.executable, *arguments], env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-                          capture_output=True, text=True, check=True).stdout
+    own = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONPYCACHEPREFIX": _bytecode()}
+    own.pop("PYTHONDONTWRITEBYTECODE", None)
+    return subprocess.run([sys.executable, *arguments], env=own, capture_output=True, text=True, check=True).stdout
 
 
 # -- pages -------------------------------------------------------------------------------------------------------------

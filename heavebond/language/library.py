@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Iterator
 from collections.abc import Mapping as Dictionary
@@ -23,6 +24,7 @@ from heavebond.text.yaml_source import Mapping, Scalar, parse, read, read_text, 
 
 _HEAD = re.compile(r"""^(component|function):[ \t]+["']?([^"'#\n]+?)["']?[ \t]*(?:#.*)?$""", re.MULTILINE)
 _EXTENDS = re.compile(r"""^["']?extends["']?[ \t]*:""", re.MULTILINE)
+HEAD_BYTES = 400
 _EFFECT = re.compile(r"""^["']?effect["']?[ \t]*:""", re.MULTILINE)
 
 
@@ -236,11 +238,20 @@ def called_functions(component: Component) -> list[Function]:
 @lru_cache(maxsize=1)
 def _bundled_files() -> dict[str, dict[str, Path]]:
     files: dict[str, dict[str, Path]] = {"component": {}, "function": {}}
-    for path in sorted(bundled("components").rglob("*.yaml")):
-        kind, name = _head_of(path)
+    for path in _yaml_files(bundled("components")):
+        with open(path, "rb") as file:  # the library's heads are on the first lines
+            whole_lines = file.read(HEAD_BYTES).replace(b"\r\n", b"\n").rpartition(b"\n")[0]
+        head = _HEAD.search(whole_lines.decode("utf-8", "replace"))
+        kind, name = (head.group(1), head.group(2)) if head else _head_of(Path(path))
         if name:
-            files[kind][name] = path
+            files[kind][name] = Path(path)
     return files
+
+
+def _yaml_files(top: Path) -> list[str]:
+    """The YAML files in a folder and those below it."""
+    found = (os.path.join(folder, name) for folder, _, names in os.walk(top) for name in names if name.endswith(".yaml"))
+    return sorted(found, key=lambda path: path.split(os.sep))
 
 
 def _head_of(path: Path) -> tuple[str, str]:
