@@ -7,6 +7,8 @@ import math
 import os
 import pickle
 import signal
+import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -406,19 +408,47 @@ def test_a_worker_of_a_cluster_that_is_killed_costs_its_task_only(folder: Path) 
     assert [o.values for o in result.outcomes] == [o.values for o in here.outcomes]
 
 
+_END = threading.Event()  # of the work of a worker that is a thread of this process
+
+
+def _until_the_end() -> None:
+    _END.wait(60)
+
+
+def test_a_cluster_whose_workers_are_busy_is_told_from_one_without_the_program(monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    from heavebond.core.cluster import Cluster
+
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as local, \
+            distributed.Client(local.scheduler_address, set_as_default=False) as other:
+        _END.clear()
+        other.submit(_until_the_end, pure=False)
+        try:
+            monkeypatch.setattr("heavebond.core.cluster.PATIENCE", 1.0)
+            with pytest.raises(hb.UsageError, match="answers within 1 s"):
+                Cluster(local.scheduler_address)
+        finally:
+            _END.set()
+
+
 def test_a_cluster_that_loses_all_of_its_workers_is_not_waited_for(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
     from heavebond.core.cluster import Cluster
 
-    monkeypatch.setattr("heavebond.core.cluster.PATIENCE", 2.0)
     monkeypatch.setattr("heavebond.core.parallel.LISTEN", 0.2)
     study = _study(SAMPLE.replace("latin_hypercube: 6", "latin_hypercube: 24"))
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as local:
         def tell(text: str) -> None:
             if text.startswith("4 of 24"):
-                local.scale(0)
+                local.scale(0)  # returns before the worker is gone, which may do all of the cases meanwhile
+                until = time.monotonic() + 60
+                while cluster.client.nthreads() and time.monotonic() < until:
+                    time.sleep(0.05)
 
-        with Cluster(local.scheduler_address) as cluster, pytest.raises(hb.UsageError, match="has lost all of its workers"):
-            hb.run_study(study, folder=folder / "out", executor=cluster, progress=tell)
+        with Cluster(local.scheduler_address) as cluster:
+            # not before: the first answer of a worker, which imports the package, may take longer on a busy computer
+            monkeypatch.setattr("heavebond.core.cluster.PATIENCE", 2.0)
+            with pytest.raises(hb.UsageError, match="has lost all of its workers"):
+                hb.run_study(study, folder=folder / "out", executor=cluster, progress=tell)
     again = hb.run_study(study, folder=folder / "out", processes=1)  # what was done is kept
     assert len(again.outcomes) == 24 and not any(o.problem for o in again.outcomes)

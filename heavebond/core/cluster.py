@@ -70,7 +70,11 @@ class Cluster(Workers):
                                       f"Start some: `dask worker {address} --nthreads 1`.")])
         try:
             theirs = self.client.submit(_version, pure=False).result(timeout=PATIENCE)
-        except (ImportError, AttributeError, TimeoutError) as error:
+        except TimeoutError as error:
+            raise UsageError([Problem("workers-busy", f"no worker of the scheduler at '{address}' answers within "
+                                      f"{PATIENCE:g} s", None, "They may be at work for another command: wait for that, or "
+                                      f"start more: `dask worker {address} --nthreads 1`.")]) from error
+        except (ImportError, AttributeError) as error:
             raise UsageError([Problem("worker-unfit", "the workers do not have this program", None,
                                       "Install heavebond where the workers run.", (f"{error}",))]) from None
         if theirs != __version__:
