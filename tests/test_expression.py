@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import operator
+import re
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from heavebond.core.units import Dimension, dimension_text, read_unit
 from heavebond.language.symbols import Context, evaluate, uniform
 from heavebond.text.dimensions import dimension
 from heavebond.text.expression import (
+    INSTEAD,
     Binary,
     Call,
     Compare,
@@ -217,3 +219,11 @@ def test_a_sum_whose_bound_depends_on_something_is_limited_where_it_is_written_o
     law = parse_equation(f"a = {text}").right
     with pytest.raises(ExpressionProblem, match="a sum of more than 100000 terms"):
         evaluate(law, context)
+
+
+@pytest.mark.parametrize("name", INSTEAD)
+def test_functions_of_other_programs_lead_to_what_to_write(name: str) -> None:
+    with pytest.raises(ExpressionProblem, match=f"there is no function '{name}'") as caught:
+        parse_formula(f"{name}(a)")
+    for formula in re.findall("`([^`]*)`", caught.value.hint):
+        parse_formula(formula)

@@ -59,6 +59,16 @@ FUNCTIONS = {
 USAGE = {"min": "min(a, b)", "max": "max(a, b)", "smooth_sign": "smooth_sign(v, v_t)", "uniform": "uniform(seed, i)",
          "signed_sqrt": "signed_sqrt(dp, dp_t)", "if_else": "if_else(a > b, x, y)", "dot": "dot(a, b)",
          "cross": "cross(a, b)"}
+# what to write in place of functions of other programs
+INSTEAD = {**dict.fromkeys(("if", "iif", "ifelse", "where", "ternary"), f"Write `{USAGE['if_else']}`."),
+           "ln": "Write `log(a)`, the natural logarithm.", "log10": "Write `log(a)/log(10)`.", "pow": "Write `a**b`.",
+           "sqr": "Write `a**2`.", "step": "Write `if_else(time > 1 s, 1, 0)`, or use the component Step.",
+           "ramp": "Write `min(max(time - 1 s, 0 s)/2 s, 1)`, or use the component Ramp.",
+           "mod": "Write `a - b*floor(a/b)`.", "rem": "Write `a - b*floor(a/b)`.", "ceil": "Write `-floor(-a)`.",
+           "round": "Write `floor(a + 0.5)`.", "sinh": "Write `(exp(a) - exp(-a))/2`.",
+           "cosh": "Write `(exp(a) + exp(-a))/2`.", **dict.fromkeys(("rand", "random"), "Write `uniform(seed, i)`."),
+           **dict.fromkeys(("limit", "clip", "sat", "saturate"), "Write `min(max(a, low), high)`."),
+           "ddt": "Write `der(a)`.", "derivative": "Write `der(a)`."}
 SUM_FORM = "A sum is written `sum(... for i in 1..n)`."
 COMPARISONS = ("<=", ">=", "==", "!=", "<", ">")
 Functions = Mapping[str, Function]  # those of files, by name; one is read when it is first asked for
@@ -293,7 +303,8 @@ class _Parser:
             return self._function_call(self._definition(token), token)
         if name not in self.functions:
             raise ExpressionProblem("function-unknown", f"there is no function '{name}'", token.column, len(name),
-                                    suggest(name, [*self.functions, *self.defined]) or self._known_functions())
+                                    INSTEAD.get(name.lower(), "") or suggest(name, [*self.functions, *self.defined])
+                                    or self._known_functions())
         self.take()
         args = [self.formula()]
         if name == "sum" and self.peek().text == "for":
