@@ -99,14 +99,12 @@ def _not_computed(found: SlowModes) -> list[str]:
     from heavebond.core.presentation import number
 
     low, high = (number(rate, 3) for rate in found.searched)
-    others = "Further growing modes" if found.unstable else "Growing modes"
-    result = "" if found.unstable else ", and none was found"
+    result = f", and {len(found.growing)} found" if found.growing else ", and none was found"
     return [f"Computed: the {found.computed} slowest eigenvalues of {found.states} (a line is a pair, where it oscillates), "
             f"those with |s| up to {number(found.reach, 4)} 1/s. Of hundreds that are nearly equal, as of equal pieces "
             "damped alike, only some are listed.",
-            f"{others} were looked for at rates from {low} to {high} 1/s{result}. This is no proof of stability: a mode "
-            "that grows by a small share of its frequency, faster than those listed and beside many undamped ones, can be "
-            "missed."]
+            f"Growing modes beyond these were looked for at rates from {low} to {high} 1/s{result}. This is no proof that "
+            "there is no other: one that grows by a small share of its frequency, beside many undamped ones, can be missed."]
 
 
 def _told(mode: Mode, share: ModalShares) -> dict[str, object]:
