@@ -58,7 +58,8 @@ def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files
 
 def _mathml(found: re.Match[str]) -> str:
     tex = html.unescape(found.group(3)).strip().replace("{aligned}", "{align*}")  # the one that the converter knows
-    return convert(tex, display="inline" if found.group(2) == "(" else "block")
+    mathml = convert(tex, display="inline" if found.group(2) == "(" else "block")
+    return mathml.replace(r"\_", "_")  # which the converter leaves in \text{}: no other use of it reaches a page
 
 
 # -- links -------------------------------------------------------------------------------------------------------------
