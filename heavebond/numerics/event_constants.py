@@ -13,9 +13,23 @@ class EventConstants:
     first_stretch: output points of the first stretch after an event; each further stretch has twice as many. Origin:
         events follow each other. Doubled: fewer calls of the integrator, more of each discarded.
     max_stretch: output points of the longest stretch. Origin: memory of the dense output. Doubled: nothing measurable.
-    min_checks: points at which conditions are checked in a run, at least; every output is one. Origin: a pulse of a
-        condition shorter than a thousandth of the run may be missed. Doubled: shorter pulses are found, more
-        evaluations.
+    min_checks: points at which conditions are checked in a run, at least; every output is one, and most follow the
+        steps of the integrator (see `looks`). Origin: a condition on time alone takes no steps; its pulse of less than
+        a thousandth of the run may be missed. Doubled: shorter pulses are found, more evaluations.
+    mean_steps: steps of the integrator between two checks in a stretch, on the average, at most. Origin: at rtol 1e-8
+        five steps are 0.3 rad of an oscillation, which a cubic follows to 2e-5 of the amplitude. Doubled: to 3e-4, half
+        the evaluations.
+    steps_per_check: the same between any two. Origin: 1 rad of an oscillation. Doubled: shorter pulses may be missed.
+    first_checks: intervals of the first stretch after an event, where checks follow the steps. Origin: as many steps as
+        the integrator takes to reach its order. Doubled: fewer calls, more of each discarded.
+    first_parts: parts of the first interval of a stretch, each four times as long as the one before. Origin: the
+        integrator doubles its first steps, from 1e-5 of the usual ones. Doubled: nothing.
+    growth: factor by which the interval between two checks changes at most from one stretch to the next. Origin: a
+        compromise of calls that fail and of checks too many. Doubled: nothing measurable.
+    steps_at_begin: steps in which the integrator reaches its order, not counted in the average. Origin: measured.
+        Doubled: after events fewer checks.
+    shortest_interval: share of the run down to which checks follow the steps. Origin: a bound on the time of a crawling
+        run. Doubled: pulses in such runs may be missed.
     approach: distance to a point that the integrator cannot pass, in instants (`same_instant`), up to which it is
         followed. Origin: one decade. Doubled: nothing in SI within 1e-11 of the run.
     crossing_precision: share of the distance at which two instants are one, to which a crossing is located. Origin:
@@ -65,6 +79,13 @@ class EventConstants:
     first_stretch: int = 8
     max_stretch: int = 1024
     min_checks: int = 1000
+    mean_steps: float = 5.0
+    steps_per_check: int = 20
+    first_checks: int = 32
+    first_parts: int = 8
+    growth: float = 4.0
+    steps_at_begin: int = 40
+    shortest_interval: float = 1e-7
     approach: int = 10
     crossing_precision: float = 1e-2
     chattering_events: int = 30

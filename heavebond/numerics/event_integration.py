@@ -2,8 +2,9 @@
 
 The next instant is found, the integrator stops there, the event acts, and it begins anew. Time events are known beforehand
 and met exactly. For the others the indicators of all conditions are looked at in every point of a stretch; where one passes
-zero, the crossing is found by integrating again from the point before. In the same points it is looked at how well the
-states decide the other unknowns (`dynamic_state_selection`); shortly before they do not any more, the run goes on in others.
+zero, the crossing is found by integrating again from the point before; the points follow the steps of the integrator
+(`looks`). In the same points it is looked at how well the states decide the other unknowns (`dynamic_state_selection`);
+shortly before they do not any more, the run goes on in others.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from heavebond.numerics.dynamic_state_selection import STATE_SELECTION, StateCho
 from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.initialise import Start, Tangent
 from heavebond.numerics.jumps import PointSensitivity
+from heavebond.numerics.looks import LookAhead, Looks
 from heavebond.numerics.solvers import Integrator, other
 from heavebond.numerics.start_equations import Point
 from heavebond.numerics.time_events import same_instant, timetable
@@ -32,7 +34,7 @@ from heavebond.numerics.zero_crossings import crossing, suspects
 # then it is given up. At the end of a chart they may crawl; there they get so many steps between two points only.
 INTERRUPTED, CRAWLS = ("IDA_RES_FAIL", "CV_RHSFUNC_FAIL"), ("IDA_TOO_MUCH_WORK", "CV_TOO_MUCH_WORK")
 
-Build = Callable[[str, Integrand, Array], Integrator]
+Build = Callable[[str, Integrand, Looks], Integrator]
 
 
 @dataclass(frozen=True)
@@ -75,18 +77,9 @@ class EventIntegration:
         self.conditions = self.home.equations.conditions
         self.n_u = charts.home.assembly.arguments[4].numel()
         self.span, self.same = float(stops[-1] - stops[0]) or 1.0, same_instant(float(stops[0]), float(stops[-1]))
-        self.looks = self._looks()
+        self.ahead = LookAhead(stops, self.same, bool(self.conditions or charts.needed), bool(self.conditions))
         self.last: IntegratorCall | None = None
-
-    def _looks(self) -> Array:
-        """The stops, and between them as many further points as looking for conditions and charts needs."""
-        if not self.conditions and not self.charts.needed:
-            return self.stops
-        found = [self.stops[:1]]
-        for begin, end in zip(self.stops[:-1], self.stops[1:], strict=True):
-            parts = int(np.ceil((end - begin) / self.span * EVENTS.min_checks * (1 - 1e-9)))
-            found.append(np.append(begin + (end - begin) / max(parts, 1) * np.arange(1, max(parts, 1)), end))
-        return np.concatenate(found)
+        self.reached = 0.0  # by the integrator in its own time where it failed
 
     # -- the run ---------------------------------------------------------------------------------------------------
     def run(self, first: Start, moved: Tangent | None) -> Trace:
@@ -137,68 +130,73 @@ class EventIntegration:
 
     def _until(self, now: EventState, limit: float, record: Record) -> EventState:
         """Go on to a time, through the events of conditions on the way; what is passed is written down."""
-        begun = EVENTS.first_stretch if self.conditions or self.charts.needed or self.changes else EVENTS.max_stretch
-        points, halvings = begun, 0
+        ahead, halvings = self.ahead, 0
+        ahead.restart(self.changes)
         while now.t < limit - self.same:
-            times = self._coming(now, limit, points, halvings)
+            looks = ahead.coming(now.t, limit, halvings)
+            times, steps = looks.times, record.steps
             try:
-                y, z = self._advance(now, times, record)
+                y, z = self._advance(now, looks, record)
             except RuntimeError as error:
-                now, points, halvings = self._mended(now, times, points, halvings, error, record)
+                now, halvings = self._mended(now, looks, halvings, error, record)
                 continue
             reached = self._in_chart(now, times, y, z)
             if not reached and (turned := self._turned(now, halvings, record)) is not None:
-                now, points, halvings = turned
+                now, halvings = turned
                 continue
             reached = reached or len(times)  # no other states are better: on with these
             found = self._first_event(now, times[:reached], y[:, :reached], z[:, :reached], record)
             if found is not None:
                 record.write(now, times[:found[0]], y, z)
-                now, points, halvings = self._happen(found[1], found[2], found[3], record, condition=True), begun, 0
+                now, halvings = self._happen(found[1], found[2], found[3], record, condition=True), 0
+                ahead.restart(self.changes)
                 continue
             record.write(now, times[:reached], y, z)
+            if not halvings and reached == len(times):
+                ahead.accept(now.t, looks, record.steps - steps)
+            else:
+                ahead.points = 1
             now = replace(now, t=float(times[reached - 1]), y=y[:, reached - 1], z=z[:, reached - 1])
             now = replace(now, true=self._indicators(now)[0] > 0)
-            points = min(2 * points, EVENTS.max_stretch) if not halvings and reached == len(times) else 1
             halvings = max(halvings - 1, 0)
         return now
 
-    def _coming(self, now: EventState, limit: float, points: int, halvings: int) -> Array:
-        """The next points to go to: so many looks, as far as they are evenly spaced, up to a limit."""
-        begin = int(np.searchsorted(self.looks, now.t + self.same, side="right"))
-        times = self.looks[begin:begin + points]
-        if len(times) < points or times[-1] >= limit - self.same:
-            times = np.append(times[times < limit - self.same], limit)
-        return _even(now.t, times, self.same) if not halvings else now.t + (times[:1] - now.t) / 2**halvings
-
-    def _mended(self, now: EventState, times: Array, points: int, halvings: int, error: RuntimeError, record: Record
-                ) -> tuple[EventState, int, int]:
+    def _mended(self, now: EventState, looks: Looks, halvings: int, error: RuntimeError, record: Record
+                ) -> tuple[EventState, int]:
         """As `_failed`; where that finds no event and no other chart, the other solver goes on from here, once."""
         try:
-            return self._failed(now, times, points, halvings, error, record)
+            return self._failed(now, looks, halvings, error, record)
         except RuntimeError as final:
             said = str(final)
-            if not self.changes or any(word in said for word in INTERRUPTED) or now.t <= self.failed_at \
+            if not self.changes or _says(final, INTERRUPTED) or now.t <= self.failed_at \
                     or len(record.solver_changes) >= EVENTS.max_solver_changes:
                 raise
         before, self.failed_at = self.solver, now.t
         self.solver = other(before, bool(len(now.z)))
         record.solver_changes.append(SolverChange(now.t, before, self.solver, reason(said)))
-        return now, 1, 0
+        self.ahead.points = 1
+        return now, 0
 
-    def _failed(self, now: EventState, times: Array, points: int, halvings: int, error: RuntimeError, record: Record
-                ) -> tuple[EventState, int, int]:
-        """Where to go on after the integrator has failed, in steps of how many points and with how many halvings: what comes
-        after an event that is not known yet, or after the end of a chart, may be out of its equations' reach."""
-        interrupted, crawls = (any(word in str(error) for word in words) for words in (INTERRUPTED, CRAWLS))
-        if interrupted or not (self.charts.needed or self.conditions) or self._hopeless(crawls and points == 1, record):
+    def _failed(self, now: EventState, looks: Looks, halvings: int, error: RuntimeError, record: Record
+                ) -> tuple[EventState, int]:
+        """Where to go on after the integrator has failed, and with how many halvings: what comes after an event that is not
+        known yet, or after the end of a chart, may be out of its equations' reach."""
+        ahead, one = self.ahead, self.ahead.points == 1
+        interrupted, crawls = _says(error, INTERRUPTED), _says(error, CRAWLS)
+        if crawls and looks.limited:
+            ahead.refine(now.t, looks, self.reached)
+            return now, halvings
+        if interrupted or not (self.charts.needed or self.conditions) or self._hopeless(crawls and one, record):
             raise error
         if self.charts.needed and self._strain(now) >= STATE_SELECTION.enough_strain and \
                 (changed := self._changed(now, record)) is not None:
-            return changed, EVENTS.first_stretch, 0
-        if times[0] - now.t <= EVENTS.approach * self.same:
-            return self._forced(now, record), EVENTS.first_stretch, 0
-        return now, 1, halvings + (points == 1)
+            ahead.restart(True)
+            return changed, 0
+        if looks.times[0] - now.t <= EVENTS.approach * self.same:
+            ahead.restart(True)
+            return self._forced(now, record), 0
+        ahead.points = 1
+        return now, halvings + one
 
     def _hopeless(self, crawled: bool, record: Record) -> bool:
         """Whether the integrator has failed or crawled too often since something last changed."""
@@ -233,13 +231,19 @@ class EventIntegration:
         out = (found.worst > STATE_SELECTION.max_strain) | (found.signs != found.signs[:, :1]).any(axis=0)
         return 0 if out[0] else int(np.argmax(out)) - 1 if out.any() else len(times)
 
-    def _turned(self, now: EventState, halvings: int, record: Record) -> tuple[EventState, int, int] | None:
+    def _turned(self, now: EventState, halvings: int, record: Record) -> tuple[EventState, int] | None:
         """Where to go on at a point after which its chart ends: in another, or nearer to the end; None where no other is
         better, as where a mechanism passes a point in which its links lie in one line."""
         if self._strain(now) >= STATE_SELECTION.enough_strain:
             changed = self._changed(now, record)
-            return None if changed is None else (changed, EVENTS.first_stretch, 0)
-        return (now, 1, halvings + 1) if halvings < EVENTS.max_halvings else None
+            if changed is None:
+                return None
+            self.ahead.restart(True)
+            return changed, 0
+        if halvings >= EVENTS.max_halvings:
+            return None
+        self.ahead.points = 1
+        return now, halvings + 1
 
     def _changed(self, now: EventState, record: Record) -> EventState | None:
         """The same moment in states that suit it better; None where there are none."""
@@ -264,17 +268,22 @@ class EventIntegration:
         return changed
 
     # -- the integrator --------------------------------------------------------------------------------------------
-    def _advance(self, now: EventState, times: Array, record: Record) -> tuple[Array, Array]:
-        """y and z at times (n,), equally far apart."""
-        n, integrators = len(times), now.frame.integrators
-        self.last = IntegratorCall(now, float(times[-1] - now.t) / n)
-        longest = now.frame.longest_in(n, self.last.step)
-        key = (self.solver, n, longest)
+    def _advance(self, now: EventState, looks: Looks, record: Record) -> tuple[Array, Array]:
+        """y and z at the points (n,) of a call of the integrator."""
+        times, n, integrators = looks.times, len(looks.times), now.frame.integrators
+        self.last = IntegratorCall(now, float(times[-1] - now.t) / looks.even)
+        longest = now.frame.longest_in(looks.even, self.last.step)
+        key = (self.solver, n, looks.limited, longest)
         if key not in integrators:
-            integrators[key] = self._build(self.solver, now.frame.own_time(longest), np.arange(n + 1.0))
+            integrators[key] = self._build(self.solver, now.frame.own_time(longest), looks)
         middle = (np.append(now.t, times[:-1]) + times) / 2
         a, d = np.full(n, now.t), np.full(n, self.last.step)
-        found = integrators[key](x0=now.y, z0=now.z, p=now.given, u=np.vstack([self.inputs(middle), a, d]))
+        try:
+            found = integrators[key](x0=now.y, z0=now.z, p=now.given, u=np.vstack([self.inputs(middle), a, d]))
+        except RuntimeError as error:
+            if looks.limited and _says(error, CRAWLS):
+                self.reached = float(integrators[key].stats()["tcur"])
+            raise
         y, z = np.array(found["xf"]).reshape(len(now.y), n), np.array(found["zf"]).reshape(len(now.z), n)
         if not np.all(np.isfinite(y)):
             raise RuntimeError("a value became infinite or not a number")
@@ -290,7 +299,7 @@ class EventIntegration:
         for share in (1 - 1e-6, 1 - 1e-3, 0.9):
             time = begin.t + (stopped - begin.t) * share
             try:
-                y, z = self._advance(begin, np.array([time]), Record(begin, self.stops, self.same))
+                y, z = self._advance(begin, Looks.at(np.array([time])), Record(begin, self.stops, self.same))
             except RuntimeError:
                 continue
             return self._point(replace(begin, t=time, y=y[:, 0], z=z[:, 0]))
@@ -340,7 +349,7 @@ class EventIntegration:
 
         def indicator(time: float) -> tuple[float, float]:
             nonlocal reached
-            y, z = self._advance(begin, np.array([time]), record)
+            y, z = self._advance(begin, Looks.at(np.array([time])), record)
             reached = replace(begin, t=time, y=y[:, 0], z=z[:, 0])
             values, rates = self._indicators(reached)
             return float(values[condition]), float(rates[condition])
@@ -443,6 +452,10 @@ class EventIntegration:
         record.write(now, np.array([now.t]), now.y[:, None], now.z[:, None])
 
 
+def _says(error: RuntimeError, words: Sequence[str]) -> bool:
+    return any(word in str(error) for word in words)
+
+
 def reason(said: str) -> str:
     """The solver's own word for why it stopped."""
     return next(iter(re.findall(r"(?:IDA|CV)_[A-Z_]+", said)), said.strip().splitlines()[-1][:160] if said.strip() else "")
@@ -455,11 +468,3 @@ def settled(loops: ca.Function | None, x: Array, z: Array, p: ca.DM | Array, tim
         return z
     found = np.array(loops(z, np.vstack([times[None, :], x, np.tile(np.array(p), (1, len(times))), inputs])))
     return np.where(np.isfinite(found).all(axis=0), found, z)
-
-
-def _even(begin: float, times: Array, same: float) -> Array:
-    """The first of the times, as many as are equally far apart: the integrator takes no steps of other lengths in one call
-    (where its inputs jump it stumbles at tight tolerances)."""
-    t = np.append(begin, times)
-    odd = np.flatnonzero(np.abs(t - (t[0] + (t[1] - t[0]) * np.arange(len(t)))) > same)
-    return times[: odd[0] - 1] if len(odd) else times

@@ -61,8 +61,7 @@ class EventEquations:
         self.has_loops = bool(z.numel())
         self.partners = Partners(assembly, self.rows)
         self._values = ca.Function("happenings", arguments, [indicators, values])
-        rising = ca.jtimes(indicators, stack([t, x]), stack([ca.SX(1), assembly.ode]))  # right where there are no loops
-        self._looked = ca.Function("looked", arguments, [indicators, rising])
+        self._looked = _looked(assembly, indicators)
         self._rates = ca.Function("rates", [*arguments, factors], [assembly.ode, quadratures])
         self._alg = ca.Function("alg", arguments, [assembly.alg])
         self._by_z = ca.Function("by_z", arguments, [ca.densify(ca.jacobian(assembly.alg, z))])
@@ -101,7 +100,7 @@ class EventEquations:
         n = len(t)
         columns = (t[None, :], x, z, np.tile(p[:, None], (1, n)), u, np.ones((1, n)))
         values, rising = (np.array(a).reshape(-1, n) for a in self._looked(*columns))
-        if not self.has_loops:
+        if not self.has_loops or np.isfinite(rising).all():
             return values, rising
         rates = np.array(self.assembly.rates(*columns)[0]).reshape(len(x), n)
         return values, self._directed(columns, np.ones((1, n)), rates, np.zeros((len(p), n)))[0]
@@ -275,6 +274,20 @@ class EventEquations:
             if held is not None:
                 p[held] = values[row]
         return replace(point, x=x, p=p)
+
+
+def _looked(assembly: Assembly, indicators: ca.SX) -> ca.Function:
+    """Indicators (n_c,) and their rates along the motion at a consistent point, not finite where g_z is singular."""
+    t, x, z = assembly.arguments[:3]
+    along = ca.jtimes(stack([indicators, assembly.alg]), stack([t, x]), stack([ca.SX(1), assembly.ode]))
+    rising, moved = along[:indicators.numel()], along[indicators.numel():]
+    if not z.numel() or not indicators.numel():
+        return ca.Function("looked", list(assembly.arguments), [indicators, rising])
+    parts = ca.Function("parts", list(assembly.arguments), [
+        indicators, rising, moved, ca.jacobian(indicators, z), ca.jacobian(assembly.alg, z)])
+    given = [ca.MX.sym(f"a{k}", argument.numel()) for k, argument in enumerate(assembly.arguments)]
+    values, direct, residuals, by_z, matrix = parts(*given)
+    return ca.Function("looked", given, [values, direct - by_z @ ca.solve(matrix, residuals)])
 
 
 def differentiated(assembly: Assembly) -> list[int]:

@@ -31,6 +31,7 @@ from heavebond.numerics.idas import Tolerances as Tolerances  # a part of this m
 from heavebond.numerics.initialise import Start, Tangent, start, tangent
 from heavebond.numerics.inputs import Pieced, pieced
 from heavebond.numerics.jumps import EventEquations
+from heavebond.numerics.looks import Looks
 from heavebond.numerics.result import ForwardSensitivities, Result, Stayed
 from heavebond.numerics.solvers import DEFAULT, RETYPE, Choice, Explicit, Integrator, algebraic_left, chosen, integrator
 from heavebond.numerics.start_equations import Point, StartEquations
@@ -113,9 +114,10 @@ class Simulator:
         self.switching = self._switching(self.charts, changes=True)
 
     def _switching(self, charts: StateChoices, changes: bool = False) -> EventIntegration:
-        def build(name: str, made: Integrand, grid: Array) -> Integrator:
-            most = EVENTS.steps_in_chart if charts.needed else EVENTS.steps_ahead if len(grid) > 2 else EVENTS.steps_between
-            return integrator(name, made, grid, self.tolerances, most)
+        def build(name: str, made: Integrand, looks: Looks) -> Integrator:
+            most = EVENTS.steps_per_check if looks.limited else EVENTS.steps_in_chart if charts.needed \
+                else EVENTS.steps_ahead if len(looks.times) > 1 else EVENTS.steps_between
+            return integrator(name, made, looks.grid, self.tolerances, most)
 
         return EventIntegration(charts, self._framed, self.integrals, self.stops, self.inputs, build, self.solver.name,
                                 changes)

@@ -85,7 +85,7 @@ class Frame:
     equations: EventEquations
     made: Integrand
     loops: ca.Function | None
-    integrators: dict[tuple[str, int, float], Integrator] = field(default_factory=dict)
+    integrators: dict[tuple[str, int, bool, float], Integrator] = field(default_factory=dict)
 
     @property
     def assembly(self) -> Assembly:

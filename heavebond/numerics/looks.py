@@ -1,0 +1,123 @@
+"""Times at which the conditions of events are checked: as dense as the steps of the integrator.
+
+SUNDIALS interpolates within its steps, so that further points cost little; between two of them a condition that rises and
+falls is seen as far as the cubic through values and rates shows it. A call of the integrator that takes more than
+`EVENTS.steps_per_check` steps between two points fails there, whatever the rest of it takes, and is made again with half of
+the interval: a fast mode that wakes up for a moment is not passed over. The mean number of steps between two points
+adjusts the interval of the next call. The first interval of a call is divided geometrically, as are the first steps of the
+integrator.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from heavebond.numerics.dae import Array
+from heavebond.numerics.event_constants import EVENTS
+
+FIRST = 4.0 ** np.arange(-EVENTS.first_parts, 0)  # of the first interval of a call
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Points of one call of the integrator: times (n,), the last `even` of them equally far apart. With `limited`, the
+    integrator fails after `EVENTS.steps_per_check` steps between two of them."""
+
+    times: Array
+    even: int
+    limited: bool
+
+    @classmethod
+    def at(cls, times: Array) -> Looks:
+        """Points at equally spaced times, without a limit."""
+        return cls(times, len(times), False)
+
+    @classmethod
+    def dense(cls, begin: float, end: float, even: int, shortest: float) -> Looks:
+        """So many equal intervals from a time to another, the first of them divided; none of them limited that are below
+        the shortest."""
+        first = (end - begin) / even
+        limited = first > shortest
+        times = np.append(begin + first * FIRST[:len(FIRST) * limited], begin + first * np.arange(1, even + 1))
+        times[-1] = end
+        return cls(times, even, limited)
+
+    @property
+    def grid(self) -> Array:
+        """The begin and the points in units of the equal intervals."""
+        points = np.arange(1, self.even + 1.0)
+        return np.concatenate([[0.0], points if len(self.times) == self.even else np.append(FIRST, points)])
+
+
+class LookAhead:
+    """The next points of a run to go to: of the stops, where conditions or choices of states need it of a grid of
+    `EVENTS.min_checks`, and with `dense` of intervals that follow the steps of the integrator."""
+
+    def __init__(self, stops: Array, same: float, needed: bool, dense: bool):
+        self.same, self.dense, self.needed = same, dense, needed
+        span = float(stops[-1] - stops[0]) or 1.0
+        self.base, self.shortest = stops, max(span * EVENTS.shortest_interval, same / FIRST[0])
+        if needed:
+            found = [stops[:1]]
+            for begin, end in pairwise(stops.tolist()):
+                parts = max(int(np.ceil((end - begin) / span * EVENTS.min_checks * (1 - 1e-9))), 1)
+                found.append(np.append(begin + (end - begin) / parts * np.arange(1, parts), end))
+            self.base = np.concatenate(found)
+        self.interval, self.widest = np.inf, float(np.diff(self.base).max(initial=0.0))  # between two points
+        self.points = 0
+        self.restart(False)
+
+    def restart(self, cut: bool) -> None:
+        """Begin a stretch, with few points where the last was `cut` short or may be."""
+        first = EVENTS.first_checks if self.dense else EVENTS.first_stretch
+        self.points = first if self.needed or cut else EVENTS.max_stretch
+
+    def coming(self, begin: float, limit: float, halvings: int) -> Looks:
+        """The next points, as far as they are evenly spaced, up to a limit; one, nearer, after halvings."""
+        first = int(np.searchsorted(self.base, begin + self.same, side="right"))
+        times = self.base[first:first + self.points]
+        if len(times) < self.points or times[-1] >= limit - self.same:
+            times = np.append(times[times < limit - self.same], limit)
+        gap = float(times[0]) - begin
+        parts = 2 ** int(np.ceil(np.log2(max(gap / self.interval * (1 - 1e-9), 1.0))))
+        if halvings:
+            return Looks.at(np.array([begin + gap / max(parts // self.points, 1) / 2**halvings]))
+        if not self.dense:
+            return Looks.at(_even(begin, times, self.same))
+        if parts > self.points:
+            return Looks.dense(begin, begin + gap / parts * self.points, self.points, self.shortest)
+        times = _even(begin, times[:self.points // parts], self.same)
+        times = times[:2 ** (len(times).bit_length() - 1)]  # few different numbers: each has an integrator of its own
+        return Looks.dense(begin, float(times[-1]), len(times) * parts, self.shortest)
+
+    def refine(self, begin: float, looks: Looks, reached: float) -> None:
+        """After a call that took too many steps in one of its intervals, the first after `reached` of them: up to there,
+        or with shorter intervals where that is not far."""
+        if reached >= EVENTS.first_checks / 2:
+            self.points = 2 ** (int(reached).bit_length() - 1)
+        else:
+            self.points = min(self.points, EVENTS.first_checks)
+            self.interval = (float(looks.times[-1]) - begin) / looks.even / EVENTS.growth
+
+    def accept(self, begin: float, looks: Looks, steps: int) -> None:
+        """Adjust the intervals of the next call to the steps of one that went through, or else double their number."""
+        interval = (float(looks.times[-1]) - begin) / looks.even
+        mean = max(steps - EVENTS.steps_at_begin, 0) / looks.even
+        grown = min(EVENTS.mean_steps / max(2 * mean, 1e-9), EVENTS.growth)
+        if self.dense and mean > EVENTS.mean_steps:
+            self.interval = interval / 2
+        elif self.dense and self.interval < np.inf and grown >= 2:
+            self.interval = grown * interval if grown * interval < self.widest else np.inf
+        else:
+            self.points = min(2 * self.points, EVENTS.max_stretch)
+
+
+def _even(begin: float, times: Array, same: float) -> Array:
+    """The first of the times, as many as are equally far apart: the integrator takes no steps of other lengths in one call
+    (where its inputs jump it stumbles at tight tolerances)."""
+    t = np.append(begin, times)
+    odd = np.flatnonzero(np.abs(t - (t[0] + (t[1] - t[0]) * np.arange(len(t)))) > same)
+    return times[: odd[0] - 1] if len(odd) else times
