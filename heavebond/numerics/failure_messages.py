@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from itertools import accumulate
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.errors import Problem, SimulationError, listing
+from heavebond.core.presentation import readable
 from heavebond.equations import structural_messages
 from heavebond.equations.flatten import EquationRole
 from heavebond.equations.lost_rank import losses
@@ -27,6 +29,7 @@ NEAR = 1e-5
 # and in a run that went on: they are zero but for rounding
 SINGULAR = 1e-14
 LOOKED_AT = 60
+AT_LIMIT = 0.01  # share of its distance at the start that is left of the way to a limit that a variable has come to
 TIGHT = 1e-6  # relative tolerances from which on there is nothing to loosen
 FOLDED = ("The links of a mechanism come to lie in one line there, from where it could go on in two ways: its constraints "
           "depend on each other. No choice of states helps; change a length a little, or add what decides (a spring).")
@@ -95,7 +98,8 @@ def _loosen(rtol: float) -> str:
 def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[str, list[str]]:
     t, x, z, p, u = last.values()[:5]
     ode, alg = (np.array(v).ravel() for v in assembly.rates(t, x, z, p, u, 1.0))
-    begun = (first.x, first.z) if len(first.x) == len(x) and len(first.z) == len(z) else (x * 0, z * 0)
+    same = len(first.x) == len(x) and len(first.z) == len(z)
+    begun = (first.x, first.z) if same else (x * 0, z * 0)
     pivots, begin = (np.array(assembly.pivots(t, *at, p, u, 1.0)).ravel() for at in ((x, z), begun))
     rates = np.abs(ode) / assembly.x_nominal
     order = np.argsort(-np.where(np.isfinite(rates), rates, np.inf))[:3]
@@ -106,6 +110,8 @@ def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[
     at = assembly.point(t, x, z, p, u)
     if grown := _grown(assembly, x, t):
         return grown, notes
+    if same and (limit := _at_limit(assembly, assembly.point(first.t, *begun, p, u), at)):
+        return limit, notes
     if found := _lost(assembly, at, t):
         return f"{found.message[:1].upper()}{found.message[1:]}.\n{found.hint}", [*notes, *found.notes]
     # one that has turned its sign was zero a moment before: a run may go on a little with a volume below zero
@@ -163,6 +169,26 @@ def _grown(assembly: Assembly, x: Array, t: float) -> str:
     if not grown:
         return ""
     return f"By then {listing(grown, 3)} {'have' if len(grown) > 1 else 'has'} grown beyond all bounds. {RAN_AWAY}."
+
+
+def _at_limit(assembly: Assembly, start: dict[int, float], at: dict[int, float]) -> str:
+    """What to say where a variable of a component has come to the end of its declared range: a piston at the end of its
+    stroke leaves no volume. With what the component, or the block that it stands in, does not model."""
+    flat = assembly.flat
+    for u, symbol in zip(flat.unknowns, flat.levels[0], strict=True):
+        begin, value = start[symbol.element_hash()], at[symbol.element_hash()]
+        limit = next((end for end in (u.low, u.high) if np.isfinite(end) and begin != end
+                      and (value - end) / (begin - end) < AT_LIMIT), None)
+        if u.role != "own" or limit is None:
+            continue
+        leaves = flat.expanded.leaves
+        paths = [path for path in accumulate(u.name.split(".")[:-1], "{}.{}".format) if path in leaves]
+        lacks = ((path, leaves[path].component.name, " ".join(re.findall(
+            r"\bNo [^.]*\.", leaves[path].component.restrictions))) for path in paths)
+        told = next((f" {path} is a {kind}. {words}" for path, kind, words in lacks if words), "")
+        return (f"{u.name}{f' ({u.doc})' if u.doc else ''} comes to its limit {readable(limit, u.unit.text)} there, from "
+                f"{readable(begin, u.unit.text)} at the start.{told}")
+    return ""
 
 
 def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:
