@@ -394,6 +394,9 @@ class EventIntegration:
         factors = self.inputs(np.array([now.t]))[self.n_u:, 0]
         if condition:
             self._check_chatter(now.t, events, record)
+            # what ends at the same instant, to rounding, has ended: the event may make it true again
+            values, rates = self._indicators(now)
+            begun = replace(now, true=now.true & (values + rates * self.same > 0))
         for _ in range(EVENTS.max_cascades):
             point, moved, yielded = equations.fire(point, moved, events, delays, factors)
             happened, late = happened + yielded + events, late + delays[:1] * len(yielded) + delays
