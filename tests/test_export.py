@@ -128,7 +128,8 @@ def test_compiled_c_gives_the_same_rates_and_outputs(name: str, tmp_path: Path) 
 @pytest.mark.slow
 def test_every_example_of_the_library_as_c(tmp_path: Path) -> None:
     refused = []
-    for path in sorted((bundled("models") / "examples").glob("*.yaml")):
+    examples = sorted((bundled("models") / "examples").glob("*.yaml"))
+    for path in examples:
         model = hb.load(path)
         flat = hb.assemble(model).flat
         if not all(event.by_clock for event in flat.events):
@@ -138,7 +139,7 @@ def test_every_example_of_the_library_as_c(tmp_path: Path) -> None:
         elif not flat.inputs:  # a record becomes an input
             (tmp_path / path.stem).mkdir()
             check_agreement(model, tmp_path / path.stem)
-    assert "sample_hold" in refused and len(refused) < 20, refused
+    assert "sample_hold" in refused and len(refused) < len(examples)/10, refused  # which have events
 
 
 @compiled
