@@ -205,3 +205,41 @@ def test_an_fmu_has_impacts_alone_and_none_at_which_something_yields() -> None:
     assert yielding(hb.assemble(hb.loads(CHAIN)).reduced) == ["last.lift", "first.lift"]
     with pytest.raises(ModelError, match="export-impact"):
         portable(hb.loads(STRUCK), events=True)
+
+
+OWN_STOP = """\
+component: OwnStop
+summary: Stop that turns the speed of a body.
+ports: {a: {domain: translational, doc: floor}, b: {domain: translational, doc: body}}
+variables: {s: {unit: m, doc: distance}}
+equations: |
+  s = b.x - a.x
+  a.f = 0
+  b.f = 0
+when:
+  hit: {condition: s < 0 and b.v < 0, then: {b.v: -b.v}}
+"""
+
+ONE_STATE = """\
+model: lever
+components:
+  left:  {is: Mass, m: 1 kg}
+  right: {is: Mass, m: 1 kg}
+  lever: {is: Lever, l_a: 1 m, l_b: 1 m}
+  floor: {is: Fixed}
+  stop:  {is: OwnStop}
+nodes: {p: [left.a, lever.a], q: [right.a, lever.b, stop.b], floor: [floor.a, lever.p, stop.a]}
+initial: {q.x: 1 m, q.v: -1 m/s}
+simulate: {until: 1.5 s}
+"""
+
+
+def test_a_speed_that_is_set_without_an_impulse_on_what_is_coupled_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "own_stop.yaml").write_text(OWN_STOP)
+    (tmp_path / "seesaw.yaml").write_text(SEESAW.replace("{is: RigidStop, e: 1}", "{is: OwnStop}"))
+    with pytest.raises(ModelError, match=r"'stop.hit' sets q.v and leaves r.v, which a force at its ports changes too"):
+        hb.assemble(tmp_path / "seesaw.yaml")
+    # one state: the body on the other arm of the lever has its speed turned with it
+    (tmp_path / "lever.yaml").write_text(ONE_STATE)
+    result = hb.simulate(tmp_path / "lever.yaml")
+    assert result["q.v"].max() == pytest.approx(1.0, abs=1e-6) and result["p.v"].min() == pytest.approx(-1.0, abs=1e-6)

@@ -22,6 +22,7 @@ from heavebond.equations.resolver import Resolver
 from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.impulses import with_impulses
+from heavebond.numerics.reset_checks import check_resets
 from heavebond.text.expression import Expr, ExpressionProblem
 
 Array = NDArray[np.float64]
@@ -192,6 +193,9 @@ def assemble(model: ModelOrFile | Assembly, also: Iterable[str] = (), widths: fl
 
 def build(reduced: Reduced) -> Assembly:
     """The CasADi functions of a reduced model."""
+    problems = Problems()
+    check_resets(reduced, problems)
+    problems.raise_as(ModelError)
     reduced = with_impulses(reduced)
     flat = reduced.flat
     u = ca.SX.sym("u", 1 + 4 * len(flat.inputs)) if flat.inputs else ca.SX(0, 1)

@@ -1,0 +1,116 @@
+"""Events that set speeds without an impulse, where bodies are coupled.
+
+An impact acts through the ports of its component: impulses P there change the states by B P, with B the response of the
+rates of the states to forces at the ports (see `impulses`). An event that sets some speeds and leaves the others as they are
+is possible only where some P changes those alone. Else the others would have to change too: what is set in their place
+creates momentum and energy from nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import Problems, listing
+from heavebond.equations.flatten import EquationRole, Flat
+from heavebond.equations.parameters import FlatParameter
+from heavebond.equations.reduce import Reduced, reduce
+from heavebond.language.symbols import split, stack
+
+Array = NDArray[np.float64]
+SMALL = 1e-9  # share of the largest response that counts as none: rounding
+
+
+def check_resets(reduced: Reduced, problems: Problems) -> None:
+    """Add a problem for each event that sets a speed which no impulse at the ports of its component changes alone."""
+    flat = reduced.flat
+    number = {unknown: k for k, (unknown, order) in enumerate(reduced.states) if order == 0}
+    for event in flat.events:
+        part = event.name.rpartition(".")[0]
+        if event.impulse is not None or event.by_clock or part not in flat.expanded.leaves:
+            continue
+        given = {number[r.unknown] for r in event.resets if r.unknown in number}
+        ports = list(_ports(flat, part)) if given else []
+        flows = [reduced.express(flat.levels[0][flow]) for _, flow in ports]
+        speeds = [k for k in sorted(given) if any(ca.which_depends(f, reduced.x[k], 1, False)[0] for f in flows)]
+        if not speeds:
+            continue
+        response = _response(flat, [row for row, _ in ports], reduced)
+        if response is None:
+            continue
+        others = [k for k in range(len(reduced.states)) if k not in given and _is_speed(flat, reduced, k)]
+        moved = _moved_too(response, speeds, others)
+        if moved:
+            what, too = (listing((reduced.name(reduced.states[k]) for k in which), 4) for which in (speeds, moved))
+            problems.add("reset-without-impulse", f"'{event.name}' sets {what} and leaves {too}, which a force at its ports "
+                         "changes too: momentum and energy would appear from nothing", event.place,
+                         hint="Name the force that acts during the impact beside the new speed: `impulse: F_i` with "
+                         "`then: {v: -e * v}`, where `F_i: {unit: N, held: 0}` is part of the force at the ports.")
+
+
+def _ports(flat: Flat, part: str) -> Iterator[tuple[int, int]]:
+    """The balance of forces (a row) and the flow (an unknown) of each mechanical port of a component."""
+    n = len(flat.unknowns)
+    balances = {c % n: row for row, (equation, entries) in enumerate(zip(flat.equations, flat.entries, strict=True))
+                if equation.role is EquationRole.BALANCE for c, _ in entries}
+    for port in flat.expanded.leaves[part].component.ports:
+        path = f"{part}.{port}"
+        domain = flat.domains.get(path)
+        for effort, flow in zip(domain.efforts, domain.flows, strict=True) if domain and domain.positions else ():
+            force, speed = flat.names.get(f"{path}.{effort}"), flat.names.get(f"{path}.{flow}")
+            if force in balances and speed is not None:
+                yield balances[force], speed
+
+
+def _is_speed(flat: Flat, reduced: Reduced, state: int) -> bool:
+    path, _, member = reduced.name(reduced.states[state]).rpartition(".")
+    domain = flat.domains.get(path)
+    return bool(domain and domain.positions and member in domain.flows)
+
+
+def _response(flat: Flat, rows: list[int], reduced: Reduced) -> Array | None:
+    """The rates of the states (n_x, m) by forces in balances, in nominal sizes, at a point without symmetry; None where the
+    equations are singular there."""
+    forces = ca.SX.sym("force", len(rows))
+    residuals = list(flat.residuals)
+    for row, force in zip(rows, split(forces), strict=True):
+        residuals[row] = residuals[row] + force
+    place, unit = flat.equations[rows[0]].place, flat.unknowns[0].unit
+    more = tuple(FlatParameter(f"force_{k}", 0.0, unit, place) for k in range(len(rows)))
+    pushed = reduce(replace(flat, residuals=tuple(residuals), p=stack([flat.p, forces]), parameters=flat.parameters + more))
+    if pushed.states != reduced.states:
+        return None
+    x, z = pushed.x, pushed.z
+    wanted = [ca.densify(ca.jacobian(a, b)) for a in (pushed.ode, pushed.alg) for b in (forces, z)]
+    symbols = ca.symvar(ca.veccat(*wanted))
+    values = {s.element_hash(): q.value for s, q in zip(split(flat.p), flat.parameters, strict=True)}
+    draw = np.random.default_rng(0)
+    for unknowns, symbol in ((pushed.states, x), (pushed.algebraic, z)):
+        for (unknown, _), s in zip(unknowns, split(symbol), strict=True):
+            values[s.element_hash()] = flat.unknowns[unknown].nominal * draw.uniform(0.3, 0.7)
+    point = [values.get(s.element_hash(), 0.0) for s in symbols]
+    by_force, by_z, residual, matrix = (np.array(a) for a in ca.Function("b", [stack(symbols)], wanted)(point))
+    try:
+        found = by_force - by_z @ np.linalg.solve(matrix, residual) if z.numel() else by_force
+    except np.linalg.LinAlgError:
+        return None
+    sizes = np.array([flat.unknowns[unknown].nominal for unknown, _ in pushed.states])
+    return found / sizes[:, None] if np.isfinite(found).all() else None
+
+
+def _moved_too(response: Array, speeds: list[int], others: list[int]) -> list[int]:
+    """The states beside `speeds` that every impulse changes which changes these; none where some impulse does not."""
+    size = np.abs(response).max(axis=0, initial=0.0)
+    scaled = response[:, size > 0] / size[size > 0]
+    if not scaled.size or not np.abs(scaled[speeds]).max() > SMALL:
+        return []
+    _, values, right = np.linalg.svd(scaled[others]) if others else (0, np.zeros(0), np.eye(scaled.shape[1]))
+    rank = int((values > SMALL).sum())
+    alone = right[rank:].T
+    if alone.shape[1] and np.linalg.matrix_rank(scaled[speeds] @ alone, SMALL) == len(speeds):
+        return []
+    return [k for k in others if np.abs(scaled[k]).max() > SMALL]
