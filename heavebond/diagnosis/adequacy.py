@@ -17,7 +17,7 @@ import numpy as np
 from heavebond.core.errors import HeavebondError
 from heavebond.diagnosis.confidence_set import confidence_set
 from heavebond.diagnosis.decision import DECISION
-from heavebond.diagnosis.identity import ALL
+from heavebond.diagnosis.identity import ALL, loss
 from heavebond.diagnosis.like_places import candidates
 from heavebond.diagnosis.predictive_errors import PredictiveErrors
 from heavebond.diagnosis.refit import Refit
@@ -83,22 +83,22 @@ class Comparand:
 def adequacy(chosen: Refit, made: Stage, beside: Comparand, curves: Stage | None, complete: bool = True) -> Adequacy:
     """That of the effect `chosen` at a stage; `curves` is the stage of identified curves in the place of the effect, which
     is judged as it is `beside` what was found later; `complete` as in `Adequacy`."""
-    assert made.errors is not None and chosen.errors is not None and beside.law.errors is not None
+    assert made.errors is not None
     misfit = made.errors.mean(*ALL) - 1.0
-    left = chosen.errors.mean(*ALL) - 1.0
+    left = loss(chosen) - 1.0
     explained = (misfit - left) / misfit if misfit > 0 else 0.0
-    law, rest = beside.law, beside.law.errors.mean(*ALL) - 1.0
-    trials = [t for t in curves.trials if t.errors is not None and _loss(t) < beside.before.mean(*ALL)] \
+    law, rest = beside.law, loss(beside.law) - 1.0
+    trials = [t for t in curves.trials if t.errors is not None and loss(t) < beside.before.mean(*ALL)] \
         if curves is not None else []
     here = [t for t in trials if same_place(t, law)]
     there = [t for t in trials if not same_place(t, law) and _as_good(t, law, misfit)]
-    flexible = min(here, key=_loss, default=None)
+    flexible = min(here, key=loss, default=None)
     beaten, covered = False, float("nan")
     if flexible is not None:
         covered = coverage(flexible, beside.experiment)
         beaten = covered >= DECISION.covered and _better(flexible, law) \
-            and _loss(law) - _loss(flexible) > DECISION.mainly * max(rest, 0.0) > 0
-    return Adequacy(explained, flexible, min(there, key=_loss, default=None), beaten, covered, complete,
+            and loss(law) - loss(flexible) > DECISION.mainly * max(rest, 0.0) > 0
+    return Adequacy(explained, flexible, min(there, key=loss, default=None), beaten, covered, complete,
                     curves is not None and not curves.partial)
 
 
@@ -109,15 +109,10 @@ def same_place(one: Refit, other: Refit) -> bool:
     return a == b or (bool(nodes[0]) and nodes[0] == nodes[1])
 
 
-def _loss(trial: Refit) -> float:
-    assert trial.errors is not None
-    return trial.errors.mean(*ALL)
-
-
 def _better(one: Refit, other: Refit) -> bool:
     """Whether the predictive errors of one are significantly smaller than those of another."""
     assert one.errors is not None and other.errors is not None
-    if _loss(one) >= _loss(other):
+    if loss(one) >= loss(other):
         return False
     found = confidence_set(np.array([one.errors.sums, other.errors.sums]), one.errors.counts, one.errors.stretch)
     return 1 not in found
@@ -126,7 +121,7 @@ def _better(one: Refit, other: Refit) -> bool:
 def _as_good(curve: Refit, named: Refit, misfit: float) -> bool:
     """Whether a curve at another place predicts as well as the named effect: it leaves less, or not significantly more, or
     more by no material share of the misfit."""
-    return _loss(curve) - _loss(named) <= DECISION.material * misfit or not _better(named, curve)
+    return loss(curve) - loss(named) <= DECISION.material * misfit or not _better(named, curve)
 
 
 def coverage(curve: Refit, before: Experiment) -> float:

@@ -73,10 +73,16 @@ def compared(best: Refit, trials: Sequence[Refit], before: PredictiveErrors) -> 
     return Identity((best, *near), found.blocks if found is not None else float("nan"))
 
 
+def loss(trial: Refit) -> float:
+    """Chi-square per sample of all samples, each predicted by parameters that were not fitted to it."""
+    assert trial.errors is not None
+    return trial.errors.mean(*ALL)
+
+
 def _left(trial: Refit, joint: bool) -> float:
     """What a refit leaves above the noise; `joint`: without what it leaves because its own numbers are uncertain."""
     assert trial.errors is not None
-    return trial.errors.mean(*ALL) - 1.0 - joint * trial.slack / max(trial.errors.samples(*ALL), 1)
+    return loss(trial) - 1.0 - joint * trial.slack / max(trial.errors.samples(*ALL), 1)
 
 
 def _explains(best: Refit, other: Refit, misfit: float) -> bool:

@@ -31,7 +31,7 @@ from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.confidence_set import block_length, resampled
 from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.fixed_values import VALUE
-from heavebond.diagnosis.identity import ALL, HOPELESS
+from heavebond.diagnosis.identity import HOPELESS, loss
 from heavebond.diagnosis.places import Places
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.residual_tests import LEVELS, ResidualTests
@@ -133,15 +133,10 @@ def evidence(made: Stage, values: Stage | None = None, sheet: float = 1.0) -> Ev
     for trial in trials:
         families.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)
                              if trial.candidate.kind != VALUE else trial.candidate.name), []).append(trial)
-    best = [min(family, key=_loss) for family in families.values()]
-    left = max(1.0, min(map(_loss, best), default=1.0))
+    best = [min(family, key=loss) for family in families.values()]
+    left = max(1.0, min(map(loss, best), default=1.0))
     return Evidence(*_weighted(list(families.values()), _weights(best), made), left,
                     factor_bound(_p_value(made.left)), factor_bound(sheet))
-
-
-def _loss(trial: Refit) -> float:
-    assert trial.errors is not None
-    return trial.errors.mean(*ALL)
 
 
 def _weighted(families: Sequence[Sequence[Refit]], weights: Mapping[float, Array], made: Stage
