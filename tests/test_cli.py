@@ -77,6 +77,16 @@ def test_check_tells_states_and_start() -> None:
     assert answer.stderr == ""
 
 
+def test_check_tells_a_steady_start_that_is_not_stable(tmp_path: Path) -> None:
+    """x' = 2/s x - 1/s stays at 0.5, and nowhere else."""
+    (tmp_path / "drift.yaml").write_text("model: drift\ncomponents:\n  x: {is: Integrator, k: 1 1/s, u: =2*x.y - 1}\n"
+                                         "initial: {start: steady}\n")
+    answer = call("check", str(tmp_path / "drift.yaml"))
+    assert answer.exit_code == 0 and "0.5 " in answer.stdout
+    assert "The steady start is not stable, so that the machine leaves it: growing mode (2 1/s) of x.y" in answer.stderr
+    assert "not stable" not in call("check", "cmc_ahc").stderr
+
+
 def test_check_prints_all_problems_and_ends_with_1(folder: Path) -> None:
     (folder / "slider.yaml").write_text(SLIDER.replace("1.2 kN/m", "1.2 kN").replace("{is: Fixed}", "{is: Fixd}"))
     answer = call("check", "slider.yaml")
