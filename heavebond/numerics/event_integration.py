@@ -136,6 +136,8 @@ class EventIntegration:
             looks = ahead.coming(now.t, limit, halvings)
             times, steps = looks.times, record.steps
             try:
+                if ahead.crawling:
+                    raise RuntimeError(f"{CRAWLS[0]}: so many steps that it would not come to an end")
                 y, z = self._advance(now, looks, record)
             except RuntimeError as error:
                 now, halvings = self._mended(now, looks, halvings, error, record)
@@ -169,12 +171,12 @@ class EventIntegration:
         except RuntimeError as final:
             said = str(final)
             if not self.changes or _says(final, INTERRUPTED) or now.t <= self.failed_at \
-                    or len(record.solver_changes) >= EVENTS.max_solver_changes:
+                    or len(record.solver_changes) >= (1 if self.ahead.crawling else EVENTS.max_solver_changes):
                 raise
         before, self.failed_at = self.solver, now.t
         self.solver = other(before, bool(len(now.z)))
         record.solver_changes.append(SolverChange(now.t, before, self.solver, reason(said)))
-        self.ahead.points = 1
+        self.ahead.points, self.ahead.spent = 1, 0
         return now, 0
 
     def _failed(self, now: EventState, looks: Looks, halvings: int, error: RuntimeError, record: Record
@@ -183,10 +185,11 @@ class EventIntegration:
         known yet, or after the end of a chart, may be out of its equations' reach."""
         ahead, one = self.ahead, self.ahead.points == 1
         interrupted, crawls = _says(error, INTERRUPTED), _says(error, CRAWLS)
-        if crawls and looks.limited:
+        if crawls and looks.limited and not ahead.crawling:
             ahead.refine(now.t, looks, self.reached)
             return now, halvings
-        if interrupted or not (self.charts.needed or self.conditions) or self._hopeless(crawls and one, record):
+        if interrupted or not (self.charts.needed or self.conditions) or ahead.crawling \
+                or self._hopeless(crawls and one, record):
             raise error
         if self.charts.needed and self._strain(now) >= STATE_SELECTION.enough_strain and \
                 (changed := self._changed(now, record)) is not None:

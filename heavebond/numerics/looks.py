@@ -17,6 +17,7 @@ import numpy as np
 
 from heavebond.numerics.dae import Array
 from heavebond.numerics.event_constants import EVENTS
+from heavebond.numerics.idas import MOST_STEPS
 
 FIRST = 4.0 ** np.arange(-EVENTS.first_parts, 0)  # of the first interval of a call
 
@@ -67,13 +68,19 @@ class LookAhead:
                 found.append(np.append(begin + (end - begin) / parts * np.arange(1, parts), end))
             self.base = np.concatenate(found)
         self.interval, self.widest = np.inf, float(np.diff(self.base).max(initial=0.0))  # between two points
-        self.points = 0
+        self.points = self.spent = 0  # steps since the last point of the base
         self.restart(False)
+
+    @property
+    def crawling(self) -> bool:
+        """Whether the integrator has taken more steps between two points of the grid than it may take between outputs."""
+        return self.spent > MOST_STEPS
 
     def restart(self, cut: bool) -> None:
         """Begin a stretch, with few points where the last was `cut` short or may be."""
         first = EVENTS.first_checks if self.dense else EVENTS.first_stretch
         self.points = first if self.needed or cut else EVENTS.max_stretch
+        self.spent = 0
 
     def coming(self, begin: float, limit: float, halvings: int) -> Looks:
         """The next points, as far as they are evenly spaced, up to a limit; one, nearer, after halvings."""
@@ -105,6 +112,8 @@ class LookAhead:
     def accept(self, begin: float, looks: Looks, steps: int) -> None:
         """Adjust the intervals of the next call to the steps of one that went through, or else double their number."""
         interval = (float(looks.times[-1]) - begin) / looks.even
+        passed = np.searchsorted(self.base, looks.times[-1] + self.same) > np.searchsorted(self.base, begin + self.same)
+        self.spent = 0 if passed else self.spent + steps
         mean = max(steps - EVENTS.steps_at_begin, 0) / looks.even
         grown = min(EVENTS.mean_steps / max(2 * mean, 1e-9), EVENTS.growth)
         if self.dense and mean > EVENTS.mean_steps:
