@@ -71,8 +71,8 @@ class Processes(Workers):
     """So many processes, each begun by `begin(*given)`; on leaving, what still runs and tells its progress to `heed` ends,
     after a while also what does not. All of them end with the process that made them, however that ends.
 
-    (A process that is killed while it hands over a result would leave the pool waiting for the rest of it for ever: in the
-    while that they are given, results are handed over.)
+    (A process that ends while it hands over a result would leave the pool waiting for the rest of it for ever: once all of
+    them are gone, their pipe is closed here too, so that the pool finds its end.)
     """
 
     def __init__(self, number: int, begin: Callable[..., None] | None = None, given: tuple[Any, ...] = ()):
@@ -97,14 +97,15 @@ class Processes(Workers):
     def __exit__(self, *_: object) -> None:
         with deferred():
             self.stop.set()
-            working = list((self.pool._processes or {}).values())
+            working, results = list((self.pool._processes or {}).values()), self.pool._result_queue
             self.shutdown(wait=False, cancel_futures=True)
         until = clock.monotonic() + GRACE
         for process in working:
             process.join(max(0.0, until - clock.monotonic()))
             if process.is_alive():  # in an integration, which nobody wants any more
                 process.kill()
-        self.shutdown()
+                process.join()
+        results._writer.close()  # type: ignore[attr-defined]
 
 
 def _begun(parent: int, stop: Event, begin: Callable[..., None] | None, given: tuple[Any, ...]) -> None:
@@ -122,9 +123,10 @@ def _begun(parent: int, stop: Event, begin: Callable[..., None] | None, given: t
 
 def _end_later(number: int, _: FrameType | None) -> None:
     """End this process by a signal that the whole group of processes may have received: a little later, so that the process
-    that collects has obeyed it first and does not take this one for lost."""
-    clock.sleep(LATER)
-    os._exit(128 + number)
+    that collects has obeyed it first and does not take this one for lost. What it is about to hand over is handed over."""
+    ending = threading.Timer(LATER, os._exit, (128 + number,))
+    ending.daemon = True
+    ending.start()
 
 
 def _die_with(parent: int) -> None:
