@@ -92,10 +92,10 @@ def test_a_wire_makes_a_node_joins_one_or_makes_two_one() -> None:
     text = _edit(text, "join", **{"from": "s.b", "to": "m.a"})
     assert text.endswith("nodes:\n  m: [s.b, m.a]\n")  # the name of the part that has this port alone
     text = _edit(text, "join", **{"from": "d.a", "to": "s.a"})
-    assert text.endswith("  m: [s.b, m.a]\n  d_s: [d.a, s.a]\n")
+    assert text.endswith("  m: [s.b, m.a]\n  d_a: [d.a, s.a]\n")
     text = _edit(text, "join", **{"from": "d.b", "to": "s.b"})
-    assert text.endswith("  m: [s.b, m.a, d.b]\n  d_s: [d.a, s.a]\n")
-    shown = text + "show: {gap: {is: d_s.x - m.x, unit: mm}}\n"
+    assert text.endswith("  m: [s.b, m.a, d.b]\n  d_a: [d.a, s.a]\n")
+    shown = text + "show: {gap: {is: d_a.x - m.x, unit: mm}}\n"
     assert "nodes:\n  m: [s.b, m.a, d.b, d.a, s.a]\nshow: {gap: {is: m.x - m.x, unit: mm}}\n" in \
         _edit(shown, "join", **{"from": "m.a", "to": "d.a"})
     assert "  m: [s.b, m.a]\n" in _edit(text, "leave", port="d.b")
