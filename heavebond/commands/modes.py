@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from heavebond.commands.arguments import (
+    Whole,
     at_options,
     blamed_on_settings,
     json_option,
@@ -29,7 +30,7 @@ MOST = 4
 @click.command(short_help="Frequencies and damping of the modes, and the components that take part.")
 @click.argument("model")
 @at_options
-@click.option("--slowest", metavar="COUNT", type=click.IntRange(min=1),
+@click.option("--slowest", metavar="COUNT", type=Whole(1),
               help="Compute so many modes, the slowest; of more than 300 states 30 by default.")
 @set_option
 @json_option

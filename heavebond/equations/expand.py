@@ -238,7 +238,7 @@ class _Opener:
             if "[" in name:
                 base = name.partition("[")[0]
                 elements = [other for other in component.parameters if other.partition("[")[0] == base]
-                rows, *columns = elements[-1].removeprefix(base).strip("[]").split(",")
+                rows, *columns = elements[-1].removeprefix(base).strip("[]").split("][")
                 what = f"a matrix of {rows} rows and {columns[0]} columns" if columns else f"a list of {rows} values"
                 form = "[[..., ...], ...]" if columns else "[..., ...]"
                 given = "" if set(elements) <= set(names) else \

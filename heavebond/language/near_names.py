@@ -10,7 +10,7 @@ from pathlib import Path
 from heavebond.core.errors import suggest
 from heavebond.text.yaml_source import read_text
 
-_PARTS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+_PARTS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+")
 _SUMMARY = re.compile(r"^summary:[ \t]*(.+)$", re.MULTILINE)
 MISSPELT = 0.85  # difflib's ratio of two names from which one is the other with a slip
 LISTED = 4
