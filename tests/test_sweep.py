@@ -408,10 +408,11 @@ def test_a_worker_of_a_cluster_that_is_killed_costs_its_task_only(folder: Path) 
     assert [o.values for o in result.outcomes] == [o.values for o in here.outcomes]
 
 
-_END = threading.Event()  # of the work of a worker that is a thread of this process
+_BEGUN, _END = threading.Event(), threading.Event()  # of the work of a worker that is a thread of this process
 
 
 def _until_the_end() -> None:
+    _BEGUN.set()
     _END.wait(60)
 
 
@@ -421,14 +422,17 @@ def test_a_cluster_whose_workers_are_busy_is_told_from_one_without_the_program(m
 
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as local, \
             distributed.Client(local.scheduler_address, set_as_default=False) as other:
+        _BEGUN.clear()
         _END.clear()
-        other.submit(_until_the_end, pure=False)
+        busy = other.submit(_until_the_end, pure=False)  # a future that is let go of would be given up
+        assert _BEGUN.wait(60)
         try:
             monkeypatch.setattr("heavebond.core.cluster.PATIENCE", 1.0)
             with pytest.raises(hb.UsageError, match="answers within 1 s"):
                 Cluster(local.scheduler_address)
         finally:
             _END.set()
+        busy.result(60)
 
 
 def test_a_cluster_that_loses_all_of_its_workers_is_not_waited_for(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
