@@ -53,3 +53,18 @@ components:
 nodes: {base: [foot.a, spring.a], load: [spring.b, damper.b, cart.a], rail: [rail.a, damper.a]}
 initial: {load.x: 0 m, load.v: 0 m/s}
 """
+
+PEAKS = """
+component: Peaks
+summary: Counts the peaks of a sine.
+parameters: {w: {unit: 1/s, doc: angular frequency}, level: {unit: 1, doc: what counts as a peak}}
+variables:
+  x: {unit: 1, doc: sine}
+  y: {unit: 1, doc: cosine}
+  n: {unit: 1, held: 0, doc: peaks}
+equations: |
+  der(x) = w * y     # sine
+  der(y) = -w * x    # cosine
+when:
+  peak: {condition: x > level, then: {n: n + 1}}
+"""

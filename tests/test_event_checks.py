@@ -6,23 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagrams import PEAKS
 
 import heavebond as hb
 
-SINE = """
-component: Peaks
-summary: Counts the peaks of a sine.
-parameters: {w: {unit: 1/s, doc: angular frequency}, level: {unit: 1, doc: what counts as a peak}}
-variables:
-  x: {unit: 1, doc: sine}
-  y: {unit: 1, doc: cosine}
-  n: {unit: 1, held: 0, doc: peaks}
-equations: |
-  der(x) = w * y     # sine
-  der(y) = -w * x    # cosine
-when:
-  peak: {condition: x > level, then: {n: n + 1}}
-"""
 THROWN = """
 component: Thrown
 summary: A body that is thrown upwards and counts how often it comes above a height.
@@ -71,7 +58,7 @@ def test_a_pulse_far_shorter_than_a_thousandth_of_the_run(tmp_path: Path, solver
 
 
 def test_an_oscillation_with_three_output_points_a_period(tmp_path: Path) -> None:
-    found = run(tmp_path, SINE, "w: 1884.955592 1/s, level: 0.99", "p.x: 0, p.y: 1", "0.2 s", "1 ms", 1e-10)
+    found = run(tmp_path, PEAKS, "w: 1884.955592 1/s, level: 0.99", "p.x: 0, p.y: 1", "0.2 s", "1 ms", 1e-10)
     wanted = (np.arcsin(0.99) / (2 * np.pi) + np.arange(60)) / 300
     assert np.array([time for time, _ in found.events]) == pytest.approx(wanted, abs=1e-7)  # of 3 ms, errors of phase add up
 

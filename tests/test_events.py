@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagrams import BALL, FLOOR
+from diagrams import BALL, FLOOR, PEAKS
 
 import heavebond as hb
 from heavebond.energy.audit import audit
@@ -207,20 +207,7 @@ def test_instants_before_the_run(folder: Path) -> None:
 
 def test_a_condition_that_is_true_between_two_looks_only(folder: Path) -> None:
     """A sine is above 0.9999 for 4.5 ms of a period of 1 s; conditions are looked at every 10 ms."""
-    (folder / "peaks.yaml").write_text("""
-component: Peaks
-summary: Counts the peaks of a sine.
-parameters: {w: {unit: 1/s, doc: angular frequency}, level: {unit: 1, doc: what counts as a peak}}
-variables:
-  x: {unit: 1, doc: sine}
-  y: {unit: 1, doc: cosine}
-  n: {unit: 1, held: 0, doc: peaks}
-equations: |
-  der(x) = w * y     # sine
-  der(y) = -w * x    # cosine
-when:
-  peak: {condition: x > level, then: {n: n + 1}}
-""", encoding="utf-8")
+    (folder / "peaks.yaml").write_text(PEAKS, encoding="utf-8")
     run = hb.simulate(built("model: peaks\ncomponents: {p: {is: Peaks, w: 6.283185307 1/s, level: 0.9999}}\n"
                             "initial: {p.x: 0, p.y: 1}\nsimulate: {until: 10 s, every: 10 ms}", folder))
     wanted = (np.arcsin(0.9999) / (2 * np.pi)) + np.arange(10)

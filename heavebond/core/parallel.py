@@ -105,7 +105,8 @@ class Processes(Workers):
             if process.is_alive():  # in an integration, which nobody wants any more
                 process.kill()
                 process.join()
-        results._writer.close()  # type: ignore[attr-defined]
+        if results is not None:  # the pool has not let go of it before
+            results._writer.close()  # type: ignore[attr-defined]
 
 
 def _begun(parent: int, stop: Event, begin: Callable[..., None] | None, given: tuple[Any, ...]) -> None:
