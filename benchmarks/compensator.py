@@ -50,7 +50,8 @@ def files(diagram: Path) -> list[Path]:
 
 def composed(diagram: Path) -> list[yaml.Node]:
     """The node graphs of the same files by PyYAML."""
-    return [yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader) for path in files(diagram)]
+    found = (yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader) for path in files(diagram))
+    return [node for node in found if node is not None]
 
 
 def scalars_read(node: Node) -> Iterator[str]:
@@ -97,7 +98,7 @@ def process_disagreement() -> float:
     with tempfile.TemporaryDirectory() as folder:
         told = Path(folder) / "told.json"
         process(*COMMAND, "run", "cmc_ahc", "--json", str(told))
-        said = json.loads(told.read_text(encoding="utf-8"))["outputs"]["WOB"]["final"]
+        said = float(json.loads(told.read_text(encoding="utf-8"))["outputs"]["WOB"]["final"])
     here = float(hb.simulate(hb.load("cmc_ahc")).display["WOB"][-1])
     return abs(said - here) / abs(here)
 

@@ -80,7 +80,7 @@ class Heave:
 
     def by_hand(self) -> Array:
         """The states (8, points) of the flat equations."""
-        return self.flat(x0=START, p=self.parameters)["xf"].full()
+        return np.asarray(self.flat(x0=START, p=self.parameters)["xf"].full())
 
     def called(self) -> ca.DM:
         """The scaled states (8, points) from the integrator that heavebond made, called as CasADi calls it."""
@@ -88,11 +88,11 @@ class Heave:
 
     def as_array(self) -> Array:
         """These made into an array."""
-        return self.called().full()
+        return np.asarray(self.called().full())
 
     def integrated(self, simulator: hb.Simulator | None = None) -> Array:
         """The scaled states (8, points) from the integrator that heavebond made, called by itself."""
-        return (simulator or self.simulator).integrator(x0=self.x0, p=self.p)["xf"]
+        return np.asarray((simulator or self.simulator).integrator(x0=self.x0, p=self.p)["xf"])
 
     def disagreement(self, others: Array | None = None) -> float:
         """The largest difference of a state between the diagram and the flat equations, or others' states (8, points), as a

@@ -70,15 +70,16 @@ def seconds(run: Callable[[], object], repeat: int = 1) -> float:
 def paired(ours: Callable[[], object], theirs: Callable[[], object], pairs: int = PAIRS, settle: float = 0.0) -> Paired:
     """Both sides in turns after one call of each that is not counted; the second side goes first in every other pair. Each
     is called for `settle` seconds before, so that equations that are compiled once they were evaluated often have been."""
-    for side in (ours, theirs):
+    sides = (ours, theirs)
+    for side in sides:
         began = cpu()
         while cpu() - began < settle:
             side()
-    repeats = [max(1, round(SHORTEST / max(seconds(side), 1e-4))) for side in (ours, theirs)]
+    repeats = [max(1, round(SHORTEST / max(seconds(side), 1e-4))) for side in sides]
     times: tuple[list[float], list[float]] = ([], [])
     for k in range(pairs):
-        for side in ((0, 1), (1, 0))[k % 2]:
-            times[side].append(seconds((ours, theirs)[side], repeats[side]))
+        for which in ((0, 1), (1, 0))[k % 2]:
+            times[which].append(seconds(sides[which], repeats[which]))
     return Paired(statistics.median(times[0]), statistics.median(times[1]),
                   statistics.median(a / b for a, b in zip(*times, strict=True)))
 

@@ -26,7 +26,6 @@ from benchmarks.measuring import Figure, cpu, duration, write_page
 from heavebond.core.cluster import Cluster
 from heavebond.core.parallel import as_done
 from heavebond.language.model import find
-from heavebond.studies.campaign import AHEAD
 from heavebond.studies.run_case import assembled, worked
 from heavebond.studies.study import PackedCase, Study, load_study
 
@@ -170,7 +169,7 @@ def throughput(tasks: int = EMPTY_TASKS) -> list[Figure]:
     packed, found = seas(CASES).packed(), list[Figure]()
     with machines() as (scheduler, cluster):
         for what, carried in (("nothing", lambda k: None), ("a case", packed)):
-            list(as_done(cluster, nothing, [(k, (carried(k), k)) for k in range(50)], AHEAD * WORKERS))
+            list(as_done(cluster, nothing, [(k, (carried(k), k)) for k in range(50)], cluster.ahead))
             began, there, here = time.perf_counter(), sum(scheduler.cpu_times()[:2]), time.process_time()
             given = ((k, (carried(k % CASES), k)) for k in range(tasks))
             done = [k for k, _ in as_done(cluster, nothing, given, MANY)]

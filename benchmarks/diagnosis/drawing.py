@@ -217,8 +217,9 @@ class _Case:
         found = {n.name: n.neutral for n in score.candidate.vanishing} | dict(score.shapes)
         for n in score.candidate.numbers:
             if n.name in score.along:
-                found[n.name] = float(np.clip(n.neutral + step, *(end if end is not None else big for end, big in
-                                                                  ((n.low, -np.inf), (n.high, np.inf)))))
+                low = n.low if n.low is not None else -np.inf
+                high = n.high if n.high is not None else np.inf
+                found[n.name] = float(np.clip(n.neutral + step, low, high))
         return found
 
     def _left(self, reference: Base, base: Mapping[str, Array], clean: Mapping[str, Array], noise: Array) -> float:

@@ -22,7 +22,7 @@ from benchmarks.diagnosis import (
 )
 from benchmarks.diagnosis.rigs import RIGS
 from heavebond.core.presentation import readable
-from heavebond.diagnosis.probability import Calibration
+from heavebond.diagnosis.probability import TEMPERATURES, Calibration
 
 PAGE = Path(__file__).parents[2] / "docs" / "diagnosis_study.md"
 BEGIN, END = "<!-- written by `python -m benchmarks.diagnosis.page` -->", "<!-- end of what it writes -->"
@@ -269,7 +269,7 @@ def sensitivity(rows: Sequence[Row], chosen: Calibration) -> list[tuple[object, 
         value = getattr(chosen, name)
         changed = (replace(chosen, **{name: value * factor}) for factor in (0.5, 2.0))
         lines.append((name, figure(value, 2), *(
-            figure(known.losses(c).mean()) if c.temperature in reliability.TEMPERATURES else "" for c in changed)))
+            figure(known.losses(c).mean()) if c.temperature in TEMPERATURES else "" for c in changed)))
     return lines
 
 

@@ -125,8 +125,8 @@ def reliability(rows: Sequence[Row], constants: Sequence[Calibration]) -> Reliab
         loss.append(-np.log(max(p[hit].sum(), LEAST)))
         size.append(int(np.searchsorted(np.cumsum(p), CREDIBLE)) + 1)
         covered.append(hit[:size[-1]].any())
-    return Reliability(*(np.array(x, float) for x in (stated, true, first, first_true)), float(np.mean(brier)),
-                       float(np.mean(loss)), np.array(covered, float), np.array(size, float))
+    return Reliability(np.array(stated, float), np.array(true, float), np.array(first, float), np.array(first_true, float),
+                       float(np.mean(brier)), float(np.mean(loss)), np.array(covered, float), np.array(size, float))
 
 
 def fitted(rows: Sequence[Row], temperatures: Sequence[float] = TEMPERATURES[1:]) -> Calibration:

@@ -108,4 +108,4 @@ def violation(result: Result) -> tuple[float, str]:
 def _share(off: Array, terms: Array) -> Array:
     """|residual| over the largest size that its terms have during the run."""
     size = np.nanmax(np.where(np.isfinite(terms), terms, 0.0), axis=1, keepdims=True)
-    return np.where(np.isfinite(off), np.abs(off), np.inf) / np.maximum(size, 1e-12)
+    return np.asarray(np.where(np.isfinite(off), np.abs(off), np.inf) / np.maximum(size, 1e-12))

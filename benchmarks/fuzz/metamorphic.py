@@ -69,7 +69,7 @@ class Reference:
         """Points so near to an event of a run that they may be before it in one and after it in another."""
         instants = np.array([t for r in results for t, _ in r.events])
         width = 1e-6 * self.times[-1]
-        return np.any(np.abs(self.times[:, None] - instants[None, :]) < width, axis=1)
+        return np.asarray(np.any(np.abs(self.times[:, None] - instants[None, :]) < width, axis=1))
 
 
 def signals(result: Result, names: Mapping[str, str]) -> dict[str, Array]:

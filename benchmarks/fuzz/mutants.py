@@ -107,7 +107,7 @@ def mutant(seed: int) -> Mutant:
         kind = random.choice(used)
         changed = f"components/{kind.lower()}.yaml"
         files[changed] = _components(bundled("components"))[kind].read_text(encoding="utf-8")
-    text, done = files[changed], []
+    text, done = files[changed], list[str]()
     number = random.choice((1, 1, 1, 1, 2, MOST))
     while len(done) < number:
         name = random.choices(NAMES, WEIGHTS)[0]
@@ -236,7 +236,8 @@ def _wire_moved(text: str, random: Random) -> str:
 def _letter(text: str, random: Random) -> str:
     """A sign is lost, or one more stands there."""
     k = random.randrange(max(1, len(text)))
-    return text[:k] + random.choice(("", *":{}[],=\"'#-+*/(). \t\n0ex\\é")) + text[k + random.randint(0, 1):]
+    sign: str = random.choice(("", *":{}[],=\"'#-+*/(). \t\n0ex\\é"))
+    return text[:k] + sign + text[k + random.randint(0, 1):]
 
 
 MUTATIONS: dict[str, Callable[[str, Random], str]] = {

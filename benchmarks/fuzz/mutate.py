@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from benchmarks.fuzz.__main__ import code
 from benchmarks.fuzz.campaign import BRIEF, Judge
@@ -51,7 +52,7 @@ def main() -> None:
         _campaign(options.results, left, options.limit, time.monotonic() + 60 * options.minutes)
 
 
-def _results(file: Path) -> dict[int, dict[str, object]]:
+def _results(file: Path) -> dict[int, dict[str, Any]]:
     """The last line of each seed."""
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
     return {line["seed"]: line for line in map(json.loads, lines)}
@@ -104,9 +105,9 @@ def summary(results: Path) -> dict[str, object]:
     by_mutation: dict[str, Counter[str]] = {}
     steps: dict[str, Counter[str]] = {}
     for line in lines:
-        for name in line["mutations"]:  # type: ignore[attr-defined]
+        for name in line["mutations"]:
             by_mutation.setdefault(name, Counter())[str(line["outcome"])] += 1
-        for name, outcome in line["steps"].items():  # type: ignore[attr-defined]
+        for name, outcome in line["steps"].items():
             steps.setdefault(name, Counter())[outcome] += 1
     reasons = Counter(r for line in lines if line["outcome"] == "refused" for r in str(line["what"]).split())
     return {"mutants": len(lines), "outcomes": dict(Counter(str(line["outcome"]) for line in lines).most_common()),
@@ -114,8 +115,8 @@ def summary(results: Path) -> dict[str, object]:
             "mutations": {name: dict(found.most_common()) for name, found in sorted(by_mutation.items())},
             "faults": {line["seed"]: line["outcome"] for line in lines if line["outcome"] in FAULTS},
             "refused for": dict(reasons.most_common()),
-            "longest": max((float(line["seconds"]) for line in lines), default=0.0),  # type: ignore[arg-type]
-            "hours": round(sum(float(line["seconds"]) for line in lines) / 3600, 2),  # type: ignore[arg-type]
+            "longest": max((float(line["seconds"]) for line in lines), default=0.0),
+            "hours": round(sum(float(line["seconds"]) for line in lines) / 3600, 2),
             "code": dict(Counter(str(line["code"]) for line in lines))}
 
 

@@ -35,8 +35,9 @@ class Sheet:
 
     def text(self) -> str:
         """The YAML file; flow style, every text in quotes."""
-        sections = {"model": "sheet", "parameters": self.parameters, "components": self.parts, "nodes": self.nodes,
-                    "set": self.settings, "initial": self.initial, "show": self.show, "simulate": self.simulate}
+        sections: dict[str, str | dict[str, Any]] = {
+            "model": "sheet", "parameters": self.parameters, "components": self.parts, "nodes": self.nodes,
+            "set": self.settings, "initial": self.initial, "show": self.show, "simulate": self.simulate}
         lines = []
         for name, section in sections.items():
             if isinstance(section, str):

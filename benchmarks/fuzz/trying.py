@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from heavebond.linear.linearisation import Linearisation, start_point
 from heavebond.linear.modal_energy import energy_shares
 from heavebond.linear.operating_point import OperatingPoints, stuck
 from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.numerics.initialise import Start, start
 from heavebond.numerics.inputs import pieced
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulator import Simulator, grid
@@ -173,16 +175,10 @@ def _checked(model: Model) -> Assembly:
     assembly = assemble(model)
     times = grid(model, None, None) if assembly.flat.inputs else np.zeros(1)
     u = pieced(assembly.flat, 0.0, float(times[-1])).at(np.zeros(1))[:, 0] if assembly.flat.inputs else np.zeros(0)
-    begun = hb_start(assembly, u)
+    begun: Start = start(assembly, 0.0, u)
     summary(assembly, begun).text(WIDTH)
     str(at_point(assembly, start_point(begun, u)))
     return assembly
-
-
-def hb_start(assembly: Assembly, u: Array) -> object:
-    from heavebond.numerics.initialise import start
-
-    return start(assembly, 0.0, u)
 
 
 def output_times(assembly: Assembly, share: float = 1.0) -> Array:
@@ -192,7 +188,7 @@ def output_times(assembly: Assembly, share: float = 1.0) -> Array:
     return times[:POINTS + 1] if assembly.model.every is not None else times[::max(1, (len(times) - 1) // POINTS)]
 
 
-def _short(assembly: Assembly, share: float) -> dict[str, float]:
+def _short(assembly: Assembly, share: float) -> dict[str, Any]:
     times = output_times(assembly, share)
     return {"until": float(times[-1]), "every": float(times[1])} if len(times) > 1 else {}
 
