@@ -3,6 +3,7 @@
     python -m benchmarks.published_search                        # all; the tables of docs/published_structures.md
     python -m benchmarks.published_search "first order" --population 128 --repeats 4
     python -m benchmarks.published_search --read                 # tables of the recorded results
+    python -m benchmarks.published_search --pairs                # pairs of numbers that are seldom met together
 
 The objective counts the numbers that are not met and has a smaller smooth part. It jumps where one of two minima of the
 index becomes the lower one, so the search is differential evolution, from Sobol points and the values of the model.
@@ -22,7 +23,7 @@ import numpy as np
 from scipy.optimize import Bounds, differential_evolution
 from scipy.stats import qmc
 
-from benchmarks.published_structures import BOX, OURS, PUBLISHED, STRUCTURES, TOLERANCES, Array, Structure, numbers
+from benchmarks.published_structures import BOX, CELLS, OURS, PUBLISHED, STRUCTURES, TOLERANCES, Array, Structure, numbers
 
 RESULTS = Path(__file__).with_name("published_structures.json")
 BOXES = ("data sheet", "wide")
@@ -117,6 +118,32 @@ def searched(structure: Structure, population: int, generations: int, repeats: i
             "left_out": left_out.tolist(), "evaluations": len(rows), "most": most_cells(rows)}
 
 
+# -- pairs of numbers --------------------------------------------------------------------------------------------------
+SELDOM = 0.2  # of the points expected of two independent numbers, within the ranges of data sheets: a row of the table
+NUMBERS = (*(f"{wob:g} kN at {f_n:g} Hz, {'with' if friction else 'without'}" for (friction, f_n), wob in
+             zip(CELLS, PUBLISHED, strict=False)),
+           "K_p 3.02 1/m", "K_p 6.15 1/m", "K_v 0.55 s/m, with", "K_v 0.55 s/m, without", "0.23 Hz")
+
+
+def met_together(points: int, wide: bool, seed: int = 0) -> tuple[Array, Array]:
+    """Over a Sobol sample of the values of every structure: (15, 15) the points at which both numbers are met, and those
+    expected if one did not depend on the other."""
+    met = np.vstack([misses(numbers(structure, values_at(structure, part, wide))) == 0 for structure in STRUCTURES
+                     for part in np.array_split(qmc.Sobol(len(structure.free), seed=seed).random(points), -(-points // 64))])
+    together = met.T.astype(float) @ met
+    alone = together.diagonal()
+    return together, np.outer(alone, alone) / len(met)
+
+
+def pairs(points: int) -> list[str]:
+    """Rows of the table of the page, the least share of the expected points first."""
+    (found, expected), (far, far_expected) = (met_together(points, wide) for wide in (False, True))
+    share = found / expected
+    seldom = [(i, j) for j in range(15) for i in range(j) if share[i, j] < SELDOM]
+    return [f"| {NUMBERS[i]} | {NUMBERS[j]} | {found[i, j]:.0f} of {expected[i, j]:.0f} | {far[i, j]:.0f} of "
+            f"{far_expected[i, j]:.0f} |" for i, j in sorted(seldom, key=lambda pair: share[pair])]
+
+
 # -- table -------------------------------------------------------------------------------------------------------------
 def distances(values: Mapping[str, float]) -> dict[str, float]:
     """Factor by which each value is outside the range of data sheets, for those that are."""
@@ -132,15 +159,15 @@ def row(structure: Structure, kept: Kept) -> str:
     outside = ", ".join(f"{name} {factor:.1f}" for name, factor in distances(kept["values"]).items())
     conditions = ", ".join("-" if most[name] < 0 else str(most[name])
                            for name in ("cells alone", "with 0.23 Hz", "with K_p 6.15"))
-    columns = [structure.name, str(len(structure.free)), str((deviations[:10] <= 0.25).sum()),
-               str((deviations[:10] <= 0.15).sum()), str((deviations[10:14] <= 0.10).sum()),
-               f"{found[10]:.2f}, {found[11]:.2f}",
+    counts = (len(structure.free), (misses(found) == 0).sum(), (deviations[:10] <= 0.25).sum(),
+              (deviations[:10] <= 0.15).sum(), (deviations[10:14] <= 0.10).sum())
+    columns = [structure.name, *map(str, counts), f"{found[10]:.2f}, {found[11]:.2f}",
                f"{found[14]:.3f}", f"{left_out:.0%}", ", ".join(f"{end:.1f}" for end in kept["ends"]), conditions]
     return "| " + " | ".join([*columns, outside or "none"]) + " |"
 
 
-NAMES = ("structure", "free", "cells 25 %", "cells 15 %", "gains 10 %", "K_p", "Hz", "left out", "optima", "most cells",
-         "outside")
+NAMES = ("structure", "free", "met", "cells 25 %", "cells 15 %", "gains 10 %", "K_p", "Hz", "left out", "optima",
+         "most cells", "outside")
 HEADER = "| " + " | ".join(NAMES) + " |\n|" + "---|" * len(NAMES)
 
 
@@ -152,7 +179,12 @@ def main() -> None:
     parser.add_argument("--generations", type=int, default=60)
     parser.add_argument("--repeats", type=int, default=2)
     parser.add_argument("--read", action="store_true", help="print the tables of the recorded results")
+    parser.add_argument("--pairs", type=int, nargs="?", const=1024, metavar="POINTS",
+                        help="print the pairs of numbers that are seldom met together, of 1024 points a structure")
     options = parser.parse_args()
+    if options.pairs:
+        print("\n".join(pairs(options.pairs)))
+        return
     kept = kept_results(RESULTS)
     for box in BOXES:
         print(f"\n{box}\n{HEADER}")

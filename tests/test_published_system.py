@@ -126,6 +126,34 @@ def test_gradients_in_every_cell(friction: str, f_n: str) -> None:
     assert swept == pytest.approx(page["swept phi"], rel=1e-3)
 
 
+def printed_on_the_page() -> np.ndarray:
+    """K_p, K_v and the variation of the weight on bit with the printed friction, over the five valves."""
+    rows = [[cell.split()[0] for cell in line.strip("|").split("|")[1:4]]
+            for line in PAGE.read_text(encoding="utf-8").splitlines() if re.match(r"\| [0-9.]+ Hz \|", line)]
+    return np.array(rows, dtype=float)
+
+
+def test_printed_friction_at_three_quarter_hertz() -> None:
+    """The gains of the page are an optimum of the index, and stable once the seal slides."""
+    study = load_study(STUDIES + "table3_printed")
+    assembly, stated = assembled(study, study.case(2)), printed_on_the_page()[2]
+    found = tuned_by(Objective(assembly, study.tuning), study.procedures[0])
+    assert [*found.values.values()] == pytest.approx(stated[:2], rel=0.01)
+    numbers, _, _ = measured(study, assembly.with_parameters(found.values))
+    assert numbers["WOB variation"] / 1e3 == pytest.approx(stated[2], rel=ROUGH)
+    at_rest, sliding = found.stability.damping, found.stability.sliding
+    assert at_rest is not None and sliding is not None and at_rest < 0 < sliding
+
+
+@pytest.mark.slow
+def test_printed_friction_with_all_valves() -> None:
+    found = hb.run_study(STUDIES + "table3_printed")
+    for outcome, (k_p, k_v, variation) in zip(found.outcomes, printed_on_the_page(), strict=True):
+        assert found.value(outcome, "controller.K_p") == pytest.approx(k_p, rel=0.01)
+        assert found.value(outcome, "controller.K_v") == pytest.approx(k_v, rel=0.01)
+        assert found.value(outcome, "WOB variation") == pytest.approx(variation, rel=ROUGH)
+
+
 def test_a_slip_in_the_name_of_a_study_is_told_with_the_study_that_is_meant() -> None:
     with pytest.raises(hb.UsageError, match=r"Did you mean 'cmc_ahc/studies/table3'"):
         load_study(STUDIES + "table33")
@@ -220,10 +248,15 @@ def stated(pattern: str) -> list[float]:
     return [float(number) for number in found.groups()]
 
 
+def late(signal: str, model: str, **parameters: float) -> np.ndarray:
+    """A signal over the last two periods, in the unit of the diagram."""
+    given = {name.replace("__", "."): value for name, value in parameters.items()}
+    return hb.simulate(hb.load(model), parameters=given).display[signal][3600:-1]
+
+
 def wob(model: str, **parameters: float) -> np.ndarray:
     """kN around 30, over the last two periods."""
-    given = {name.replace("__", "."): value for name, value in parameters.items()}
-    return hb.simulate(hb.load(model), parameters=given).display["WOB"][3600:-1] - 30
+    return late("WOB", model, **parameters) - 30
 
 
 def test_sentences_on_forces() -> None:
@@ -248,9 +281,39 @@ def test_sentences_on_the_optimum_at_three_quarter_hertz() -> None:
     dry, smooth = wob("cmc_ahc", **gains[0]), wob("cmc_ahc/active_frictionless", **gains[1])
     added = abs(dry).max() - abs(smooth).max()
     assert stated(r"Friction adds ([\d.]+) kN; in the paper") == pytest.approx([added], abs=0.06)
-    slow = 2 * abs(np.mean(dry * np.exp(-2j * np.pi * np.arange(len(dry)) * 0.02 / 12)))
+    spectrum = 2 * abs(np.fft.rfft(dry)) / len(dry)     # kN at multiples of 1/24 s, two periods of the wave
     assert stated(r"Of the ([\d.]+) kN here, ([\d.]+) are the slow motion") == pytest.approx(
-        [abs(dry).max(), slow], rel=0.03)
+        [abs(dry).max(), spectrum[2]], rel=0.03)
+    first, second, size = stated(r"mainly at ([\d.]+) and ([\d.]+) Hz \(([\d.]+) kN each\)")
+    largest = np.sort(np.argsort(spectrum)[-3:])
+    assert (largest / 24).tolist() == pytest.approx([1 / 12, first, second], abs=0.005)
+    assert spectrum[largest[1:]] == pytest.approx([size, size], abs=0.05)
+    long, short = (np.ptp(late("crown", name, **gain)) for name, gain in
+                   zip(("cmc_ahc", "cmc_ahc/active_frictionless"), gains, strict=True))
+    assert stated(r"moves ([\d.]+) mm from its lowest to its highest point with friction \((\d+) % more\) and ([\d.]+) mm "
+                  r"without \((\d+) % less\)") == pytest.approx(
+        [long, 100 * (long / 20 - 1), short, 100 * (1 - short / 20)], abs=0.5)
+
+
+def test_sentences_on_the_stability_boundary() -> None:
+    """Without friction: K_p at which a mode ceases to decay, and its frequency."""
+    bounds = stated(r"boundary is K_p ([\d.]+) 1/m at 0.75 Hz and ([\d.]+) 1/m at 1 Hz, .* wires at ([\d.]+) Hz")
+    fast = stated(r"above ([\d.]+) 1/m a mode at ([\d.]+) Hz is unstable")
+    for f_n, k_p, frequency in ((0.75, bounds[0], None), (1.0, bounds[1], bounds[2]), (2.5, *fast)):
+        machine = hb.assemble(hb.load("cmc_ahc/active_frictionless")).with_parameters({"ahc.valve.f_n": f_n})
+        for share, grows in ((0.99, False), (1.01, True)):
+            found = ModesAtStart(machine.with_parameters({"controller.K_p": share * k_p})).at({})[1]
+            least = max((mode for mode in found if mode.swings), key=lambda mode: mode.value.real)
+            assert (least.value.real > 0) is grows
+            assert frequency is None or least.frequency == pytest.approx(frequency, abs=0.05)
+
+
+def test_sentence_on_the_passive_machine_with_perfect_equalisers() -> None:
+    """In proportion to the wave, as the machine is linear while the bit is on bottom."""
+    area = hb.assemble(hb.load("cmc_ahc")).parameter_values["cmc.equaliser.A"] / 1.027
+    half = abs(wob("cmc_ahc/passive_frictionless", cmc__equaliser__A=area)).max()
+    assert half < 30
+    assert stated(r"perfect equalisers the WOB varies by (\d+) kN") == pytest.approx([3.5 * half], abs=1)
 
 
 def test_sentences_on_the_unstable_optimum() -> None:
@@ -302,3 +365,9 @@ def test_sentence_on_two_minima() -> None:
     objective = Objective(machine, load_study("cmc_ahc/quality_index").tuning)
     other = objective.at({"controller.K_p": k_p, "controller.K_v": 0.524}).cost
     assert 100 * (other / on_the_page()["with", "1 Hz"]["phi"] - 1) == pytest.approx(higher, abs=0.5)
+    here, less = stated(r"lower one, by ([\d.]+) % here and by ([\d.]+) % with 30 and 10 kN")
+    assert here == higher
+    damped = Objective(machine.with_parameters({"drilling.wires.d": 30e3, "drilling.string.d": 10e3}),
+                       load_study("cmc_ahc/quality_index").tuning)
+    lower, other = (damped.at({"controller.K_p": one, "controller.K_v": 0.524}).cost for one in (3.346, 2.392))
+    assert 100 * (other / lower - 1) == pytest.approx(less, abs=0.25)
