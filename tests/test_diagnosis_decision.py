@@ -269,4 +269,4 @@ def test_the_same_law_at_the_same_place_is_named_beside_the_answer() -> None:
     finding: Any = SimpleNamespace(candidate=law("Law").candidate, alternatives=(law("Law"), law("Other")))
     step: Any = SimpleNamespace(twins={"Law at the wall": ("Law in the wall", "Other at the wall")})
     assert verdict._same_laws([finding], [step]) == ["Law in the wall is the same law as friction at the wall (Law)."]
-    assert verdict._same_laws([finding], [SimpleNamespace(twins={})]) == []  # type: ignore[list-item]
+    assert verdict._same_laws([finding], [SimpleNamespace(twins={})]) == []

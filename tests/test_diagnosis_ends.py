@@ -81,7 +81,7 @@ def test_a_range_that_ends_before_the_truth_is_told_and_names_nothing_for_sure(
     assert trial.beyond == beyond
     rung: Any = SimpleNamespace(chi2_fit=1.0, chi2_held_out=1.0, samples_held_out=300,
                                 comparison=SimpleNamespace(experiment=given))
-    finding = AddedEffect(brake, (), rung, None, (trial,))  # type: ignore[arg-type]
+    finding = AddedEffect(brake, (), rung, None, (trial,))
     assert verdict.is_adequate([rung, rung], [finding]) is not bool(beyond)
     assert ("Widen `search_range`" in " ".join(verdict.at_ends(finding))) is bool(beyond)
 

@@ -48,8 +48,8 @@ def test_the_whole_catalogue(tmp_path: Path, case: str) -> None:
     experiment, _ = made(CASES[case], tmp_path)
     found = diagnose(experiment, number=1, seconds=float("inf"))
     assert found.verdict == RESULTS[case]["verdict"]
-    assert [f.candidate.kind for f in found.findings] == [n["kind"] for n in RESULTS[case]["named"]]  # type: ignore[attr-defined]
-    assert found.ladder[-1].chi2_held_out == pytest.approx(RESULTS[case]["ladder"][-1][2], abs=0.01)  # type: ignore[index]
+    assert [f.candidate.kind for f in found.findings] == [n["kind"] for n in RESULTS[case]["named"]]
+    assert found.ladder[-1].chi2_held_out == pytest.approx(RESULTS[case]["ladder"][-1][2], abs=0.01)
 
 
 def test_the_page_has_the_recorded_results() -> None:
@@ -59,5 +59,5 @@ def test_the_page_has_the_recorded_results() -> None:
         line, = (line for line in lines if line.startswith(f"| {case} |") and " to " in line)
         ladder = [float(word) for word in re.findall(r"[\d.]+", line.split("|")[-3])]
         rungs = row["ladder"]
-        assert ladder == pytest.approx([rungs[k][2] for k in (0, 1, *range(2, len(rungs)))], rel=0.01)  # type: ignore[index]
-        assert float(line.split("|")[-2]) == pytest.approx(row["processor"], abs=1)  # type: ignore[arg-type]
+        assert ladder == pytest.approx([rungs[k][2] for k in (0, 1, *range(2, len(rungs)))], rel=0.01)
+        assert float(line.split("|")[-2]) == pytest.approx(row["processor"], abs=1)

@@ -47,7 +47,7 @@ def test_two_effects_are_found_and_what_the_first_may_be_is_told_beside_the_seco
 def test_of_several_effects_noise_is_asked() -> None:
     def explained(fitted: float, held: float, *, effects: int) -> bool:
         ladder: list[Any] = [_rung(1000, 1000), _rung(100, 500), *(_rung(fitted, held) for _ in range(effects))]
-        return verdict.is_adequate(ladder, [SimpleNamespace(rung=rung, beyond=()) for rung in ladder[2:]])  # type: ignore[misc]
+        return verdict.is_adequate(ladder, [SimpleNamespace(rung=rung, beyond=()) for rung in ladder[2:]])
 
     assert explained(1.05, 1.05, effects=1) and explained(1.05, 1.05, effects=5)
     assert explained(1.3, 1.3, effects=1) and not explained(1.3, 1.3, effects=2)
@@ -60,7 +60,7 @@ def _rung(fitted: float, held: float) -> Any:
     return SimpleNamespace(chi2_fit=fitted, chi2_held_out=held, samples_held_out=SAMPLES, comparison=comparison)
 
 
-EMPTY = Stage(None, {}, 0.0, SAMPLES, 1.0, 1.0, SAMPLES, (), ResidualTests(0, 0, 0, 9), (), (), None, (), {}, (),  # type: ignore[arg-type]
+EMPTY = Stage(None, {}, 0.0, SAMPLES, 1.0, 1.0, SAMPLES, (), ResidualTests(0, 0, 0, 9), (), (), None, (), {}, (),
               False, 0.0)
 
 
@@ -89,13 +89,13 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
         chi2 = chi2_of(effects + new)
         candidate = SimpleNamespace(label=new, component=new, kind=new, where=(), change=SimpleNamespace(moved={}),
                                     attaches="across", place="", signal="")
-        return Refit(candidate, experiment(effects + new), {}, chi2 * SAMPLES, chi2, chi2, SAMPLES,  # type: ignore[arg-type]
+        return Refit(candidate, experiment(effects + new), {}, chi2 * SAMPLES, chi2, chi2, SAMPLES,
                      SAMPLES, len(effects) + 1, (), 0.0, 0, errors=errors(chi2))
 
     def step(effects: str, new: Sequence[str]) -> Stage:
         chi2 = chi2_of(effects)
         trials = sorted((trial(effects, e) for e in new if e not in effects), key=lambda t: t.cost)
-        bare = Stage(experiment(effects), dict.fromkeys(effects, 0.0), chi2 * SAMPLES, SAMPLES,  # type: ignore[arg-type]
+        bare = Stage(experiment(effects), dict.fromkeys(effects, 0.0), chi2 * SAMPLES, SAMPLES,
                      chi2, chi2, SAMPLES, (), ResidualTests(0, 0, 0, 9), (), tuple(trials), None, (), {}, (), False, 10.0,
                      errors=errors(chi2))
         best = stepwise_selection.leaders(bare, 1)
@@ -111,7 +111,7 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
     monkeypatch.setattr(stepwise_selection, "following", lambda made: made.chosen.experiment)
     monkeypatch.setattr(stepwise_selection, "candidates", lambda at: [trial("", e).candidate for e in "ABCD"])
     monkeypatch.setattr(stepwise_selection, "single", lambda at, candidate, say: step(at.effects, [candidate.label]))
-    way, _ = select_stepwise(experiment(""), stepping, lambda text: None, most, lambda: left)  # type: ignore[arg-type]
+    way, _ = select_stepwise(experiment(""), stepping, lambda text: None, most, lambda: left)
     return "".join(added.candidate.label for added in way), made
 
 
@@ -201,7 +201,7 @@ def test_every_law_that_is_starred_is_named() -> None:
         return SimpleNamespace(candidate=SimpleNamespace(attaches="across", kind="friction", place="at the wall",
                                                          component=name, where=("wall",)))
 
-    finding = AddedEffect(law("Law1").candidate, *[None] * 3, tuple(law(f"Law{k}") for k in range(1, 10)))  # type: ignore[arg-type]
+    finding = AddedEffect(law("Law1").candidate, *[None] * 3, tuple(law(f"Law{k}") for k in range(1, 10)))
     for said in (verdict._effect([], [finding]), verdict._mainly([replace(finding, rung=_rung(9, 9))], Adequacy(0.8))):
         assert "friction at the wall (Law1)." in said and f"{', '.join(f'Law{k}' for k in range(2, 10))} there." in said
     # where all are named one by one, the laws of one place are one name
@@ -221,8 +221,8 @@ def test_every_law_that_is_starred_is_named() -> None:
 
 def test_a_candidate_whose_search_stopped_at_an_end_does_not_count_as_refitted() -> None:
     trial = SimpleNamespace(candidate=SimpleNamespace(label="A"), beyond=("a.F",), chi2_held_out=9.0)
-    assert ranking._judged(trial, EMPTY, set()) == "range_end"  # type: ignore[arg-type]
-    assert ranking._judged(trial, EMPTY, {"A"}) == "indistinguishable"  # type: ignore[arg-type]
+    assert ranking._judged(trial, EMPTY, set()) == "range_end"
+    assert ranking._judged(trial, EMPTY, {"A"}) == "indistinguishable"
 
 
 def test_a_value_that_is_a_little_better_than_an_effect_is_named_with_it() -> None:
@@ -230,7 +230,7 @@ def test_a_value_that_is_a_little_better_than_an_effect_is_named_with_it() -> No
         return SimpleNamespace(cost=cost, samples=1000, unknowns=5, chi2_held_out=1.0, samples_held_out=1000,
                                errors=None)
 
-    finding = AddedEffect(*[None] * 4, (trial(1000),))  # type: ignore[arg-type]
+    finding = AddedEffect(*[None] * 4, (trial(1000),))
     chosen = finding.alternatives[0]
     for cost, beside in ((985.0, True), (995.0, False)):  # BIC falls by 15 and by 5
         value = trial(cost)
@@ -251,7 +251,7 @@ def test_values_are_tried_where_nothing_was_found() -> None:
 
     # no ladder of effects, and a diagram that is near the noise
     near: Any = SimpleNamespace(chi2_held_out=1.2, chi2_fit=1.2)
-    come = _weighed(_SearchState([near], [], [EMPTY]), (), None, trying)  # type: ignore[arg-type]
+    come = _weighed(_SearchState([near], [], [EMPTY]), (), None, trying)
     assert tried == [None]
     assert [s.partial for s in come.steps] == [True]
 
@@ -263,12 +263,12 @@ def test_a_candidate_that_the_test_data_exclude_does_not_lead() -> None:
 
     def trial(name: str, found: PredictiveErrors, attaches: str = "across") -> Refit:
         candidate = SimpleNamespace(label=name, component=name, kind=name, where=(name,), attaches=attaches)
-        return Refit(candidate, SimpleNamespace(noise_given=True), {}, found.mean(FITTED) * 400,  # type: ignore[arg-type]
+        return Refit(candidate, SimpleNamespace(noise_given=True), {}, found.mean(FITTED) * 400,
                      found.mean(FITTED), found.mean(SELECTION, TEST), 400, 800, 1, (), 0.0, 0, errors=found)
 
     before = made_of(20, 20, 20)
     by_merit, robust = trial("A", made_of(3, 3, 15)), trial("B", made_of(3.1, 3.1, 3))
-    made = Stage(SimpleNamespace(noise_given=True), {}, 8000, 400, 20, 20, 800, (),  # type: ignore[arg-type]
+    made = Stage(SimpleNamespace(noise_given=True), {}, 8000, 400, 20, 20, 800, (),
                  ResidualTests(0, 0, 0, 9), (), (by_merit, robust), None, (), {}, (), False, 0.0, errors=before)
     assert merit(by_merit) < merit(robust)
     assert [stage.chosen.candidate.label for stage in leaders(made, 2) if stage.chosen] == ["B"]
@@ -286,7 +286,7 @@ def test_a_law_whose_further_numbers_are_not_needed_becomes_the_simpler_one() ->
         half = np.repeat([FITTED, SELECTION], 20)
         found = PredictiveErrors(np.repeat([1.0, selection], 20) * counts, counts, half, half)
         candidate = SimpleNamespace(label=name, component=name, kind=kind, where=(where,))
-        return Refit(candidate, SimpleNamespace(noise_given=True), {}, SAMPLES, 1.0, selection, SAMPLES,  # type: ignore[arg-type]
+        return Refit(candidate, SimpleNamespace(noise_given=True), {}, SAMPLES, 1.0, selection, SAMPLES,
                      SAMPLES, unknowns, (), 0.0, 0, errors=found)
 
     bent = trial("bent", 5, 1.0)

@@ -312,7 +312,7 @@ def test_parts_have_the_colour_of_what_they_carry() -> None:
 ])
 def test_wrong_names(asked: dict[str, object], said: str) -> None:
     with pytest.raises(hb.UsageError) as error:
-        hb.draw(hb.load("cmc_ahc"), **asked)  # type: ignore[arg-type]
+        hb.draw(hb.load("cmc_ahc"), **asked)
     assert str(error.value) == said
 
 

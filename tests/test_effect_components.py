@@ -582,7 +582,7 @@ def with_effect(component: Component) -> tuple[str, str]:
     return base, f"{given}{node}: [-{port}, +fx.{power[1]}]\n  fx_node: [{port}, fx.{power[0]}]\n"
 
 
-@pytest.mark.parametrize("name", [n for n in EFFECTS if EFFECTS[n].effect.replaces != "GasSpring"])  # type: ignore[union-attr]
+@pytest.mark.parametrize("name", [n for n in EFFECTS if EFFECTS[n].effect.replaces != "GasSpring"])
 def test_an_effect_is_absent_at_amplitude_zero(name: str, tmp_path: Path) -> None:
     base, change = with_effect(EFFECTS[name])
     (tmp_path / "base.yaml").write_text("model: base\n" + base)

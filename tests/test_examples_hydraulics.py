@@ -225,7 +225,7 @@ def test_the_examples_are_small() -> None:
 
 # -- laws over their whole range ---------------------------------------------------------------------------------------
 def run(text: str, **options: object) -> hb.Result:
-    return hb.simulate(hb.loads("model: trial\n" + text), **options)  # type: ignore[arg-type]
+    return hb.simulate(hb.loads("model: trial\n" + text), **options)
 
 
 def test_a_pipe_follows_darcy_through_laminar_and_turbulent_flow() -> None:

@@ -235,7 +235,7 @@ def test_the_directional_derivatives_of_an_fmu_are_exact(name: str, given: str, 
     made = export_fmu(model, tmp_path / "m.fmu", [given] if given.endswith(".u") else [])
     told = fmpy.read_model_description(str(tmp_path / "m.fmu"))
     xml = Xml.fromstring(zipfile.ZipFile(tmp_path / "m.fmu").read("modelDescription.xml"))
-    assert xml.find("ModelExchange").get("providesDirectionalDerivatives") == "true"  # type: ignore[union-attr]
+    assert xml.find("ModelExchange").get("providesDirectionalDerivatives") == "true"
     numbers = {v.name: v.valueReference for v in told.modelVariables}
     fmu = FMU3Model(guid=told.guid, unzipDirectory=fmpy.extract(str(tmp_path / "m.fmu")), instanceName="m",
                     modelIdentifier=told.modelExchange.modelIdentifier)

@@ -176,7 +176,7 @@ def test_noise_is_called_unsettled(tmp_path: Path) -> None:
 
         return ran
 
-    verdict = check_gradients(replace(subject, runs=noisy), ["spring.c"])[0]  # type: ignore[arg-type]
+    verdict = check_gradients(replace(subject, runs=noisy), ["spring.c"])[0]
     assert verdict.word == "unsettled"
 
 
@@ -218,7 +218,7 @@ def test_values_near_which_no_run_can_be_made(tmp_path: Path) -> None:
             return plain(settings)
         return run
 
-    verdict = check_gradients(replace(subject, runs=broken), ["spring.c"])[0]  # type: ignore[arg-type]
+    verdict = check_gradients(replace(subject, runs=broken), ["spring.c"])[0]
     assert (verdict.word, verdict.why) == ("unsettled", "no run near the value of the parameter could be made")
 
 

@@ -135,7 +135,7 @@ def test_the_picture(slider: hb.Assembly, courses: int, tmp_path: Path) -> None:
     bars = figure.axes[0]
     labels = [label.get_text() for label in bars.get_yticklabels()]
     assert "spring.c = 1.2 kN/m" in labels
-    widths = [patch.get_width() for patch in bars.patches]  # type: ignore[attr-defined]
+    widths = [patch.get_width() for patch in bars.patches]
     assert widths == sorted(widths, reverse=True)
     assert {patch.get_facecolor() for patch in bars.patches} <= {
         (*(int(c[k:k + 2], 16) / 255 for k in (1, 3, 5)), 1.0) for c in COLOURS[:2]}

@@ -162,7 +162,7 @@ def test_a_signal_does_not_leave_an_executor_half_way(name: str, monkeypatch: py
                     super().__setitem__(key, item)
                     hit(item)
 
-            workers.pool._pending_work_items = Items()  # type: ignore[assignment]
+            workers.pool._pending_work_items = Items()
         with workers:
             list(as_done(workers, _slow, [(k, (1,)) for k in range(3)], 2))
 

@@ -264,7 +264,10 @@ nodes: {{ground: [ground.a, ball.a], body: [ball.b, body.a]}}
 initial: {{body.x: 0 m, body.y: 0.11 m, body.phi: 0 rad, body.v_x: 0 m/s, body.v_y: -{fall} m/s, body.w: 0 rad/s}}
 simulate: {{until: 50 ms, every: 1 ms}}
 """)
-    way = lambda v: v - np.log1p(chi*v)/chi                   # noqa: E731
+
+    def way(v: float) -> float:
+        return float(v - np.log1p(chi*v)/chi)
+
     rebound = brentq(lambda v: way(-v) - way(fall), 0.1, fall)
     assert found["body.v_y"][-1] == pytest.approx(rebound, rel=1e-5)
 

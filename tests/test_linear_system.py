@@ -283,7 +283,7 @@ def test_the_command_tells_and_draws(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert told["stable"] is True
     told = _command(["linear", "cmc_ahc", "--over", "controller.K_p=0 .. 8 1/m", "--output", str(tmp_path / "l.pdf")],
                     tmp_path)
-    assert len(told["limits"]) == 1  # type: ignore[arg-type]
+    assert len(told["limits"]) == 1
 
 
 def test_a_nyquist_curve_has_a_plane_for_each_unit_and_no_corners() -> None:
@@ -314,7 +314,7 @@ def test_wrong_usage_is_said(words: list[str], message: str, capsys: pytest.Capt
 def test_modes_name_components_at_any_operating_point(tmp_path: Path) -> None:
     (tmp_path / "free.yaml").write_text(FREE)
     told = _command(["modes", str(tmp_path / "free.yaml"), "--at", "0.3 s"], tmp_path)
-    moving = [mode for mode in told["modes"] if mode["real"] or mode["imaginary"]]  # type: ignore[attr-defined]
+    moving = [mode for mode in told["modes"] if mode["real"] or mode["imaginary"]]
     # kinetic energy is half of all, in inverse proportion to the masses: 3 to 1
     assert moving[0]["energy"] == pytest.approx({"spring": 0.5, "one": 0.375, "two": 0.125}, rel=1e-6)
     assert told["at"] == "at 0.3 s"

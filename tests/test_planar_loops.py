@@ -83,7 +83,9 @@ def test_a_crank_and_rocker_that_begins_with_its_rocker_as_state() -> None:
         along = np.array([d + c*np.cos(psi) - a*np.cos(phi), c*np.sin(psi) - a*np.sin(phi)])
         return float(a*(along @ [-np.sin(phi), np.cos(phi)])/(c*(along @ [-np.sin(psi), np.cos(psi)])))
 
-    inertia = lambda phi, psi: 0.02 + (0.1 + 2*c**2)*ratio(phi, psi)**2  # noqa: E731
+    def inertia(phi: float, psi: float) -> float:
+        return 0.02 + (0.1 + 2*c**2)*ratio(phi, psi)**2
+
     energy = inertia(crank[0], rocker[0])*found["crank.w"][0]**2
     way = np.sign(found["crank.w"][0])
 

@@ -84,7 +84,7 @@ def _shown_ticks(figure: Figure) -> set[str]:
 
 
 def _inside(box: object, width: float, height: float) -> bool:
-    return box.x0 >= -1 and box.y0 >= -1 and box.x1 <= width + 1 and box.y1 <= height + 1  # type: ignore[attr-defined]
+    return box.x0 >= -1 and box.y0 >= -1 and box.x1 <= width + 1 and box.y1 <= height + 1
 
 
 def _legend_covers_no_line(axes: Axes) -> bool:

@@ -131,5 +131,5 @@ def test_a_diagnosis_states_probabilities() -> None:
     """Of the bundled record with choked flow; none where only a class was tried."""
     found = hb.diagnose("receiver_rig/choked", number=1, steps=1)
     assert found.events[0].kind == "choked flow" and found.events[0].probability > 0.6
-    assert sum(e["probability"] for e in found.as_dict()["probabilities"]) == pytest.approx(1)  # type: ignore[attr-defined]
+    assert sum(e["probability"] for e in found.as_dict()["probabilities"]) == pytest.approx(1)
     assert replace(found, restricted=True).events == ()

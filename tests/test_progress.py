@@ -51,7 +51,7 @@ def test_the_time_counts_from_the_beginning_of_the_command(monkeypatch: pytest.M
     def until(words: str) -> None:
         """Wait for a line, however busy the machine is."""
         end = clock.monotonic() + 60
-        while words not in sys.stderr.buffer.getvalue().decode() and clock.monotonic() < end:  # type: ignore[attr-defined]
+        while words not in sys.stderr.buffer.getvalue().decode() and clock.monotonic() < end:
             clock.sleep(0.02)
 
     @click.command("slow")

@@ -141,4 +141,4 @@ def test_what_is_no_record() -> None:
 
 def test_pieces_are_values() -> None:
     with pytest.raises(AttributeError):
-        Pieces(np.arange(2.0), np.zeros((1, 4)), 0).smoothness = 1  # type: ignore[misc]
+        Pieces(np.arange(2.0), np.zeros((1, 4)), 0).smoothness = 1

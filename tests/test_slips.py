@@ -229,10 +229,10 @@ def test_noise_where_it_is_fitted_and_misfit_where_not_is_not_nothing() -> None:
     comparison = SimpleNamespace(records={"one": SimpleNamespace(channels={"x": channel})})
     step = SimpleNamespace(left=SimpleNamespace(significant=False), partial=False, at_end=())
     for held_out, said in ((5687.0, "undetermined"), (1.4, "nothing")):
-        ladder = [LadderEntry("rig", 1.1, 0.4, 1.1, held_out, comparison)]  # type: ignore[arg-type]
-        assert verdict.verdict(None, ladder, [], [step], None) == said  # type: ignore[list-item]
-    (told,) = verdict.sentences("undetermined", [LadderEntry("rig", 1.1, 0.4, 1.1, 5687.0, comparison)],  # type: ignore[arg-type]
-                                [], [step], None)  # type: ignore[list-item]
+        ladder = [LadderEntry("rig", 1.1, 0.4, 1.1, held_out, comparison)]
+        assert verdict.verdict(None, ladder, [], [step], None) == said
+    (told,) = verdict.sentences("undetermined", [LadderEntry("rig", 1.1, 0.4, 1.1, 5687.0, comparison)],
+                                [], [step], None)
     assert "reduced chi-square is 5687" in told and "`use: fit`" in told
 
 
@@ -246,8 +246,8 @@ def test_an_estimated_noise_that_cannot_be_right_is_told() -> None:
     comparison = SimpleNamespace(parts=(SimpleNamespace(use="validate", channels=channels),),
                                  experiment=SimpleNamespace(outputs=outputs, estimated_noise=estimates))
     step = SimpleNamespace(left=SimpleNamespace(significant=True), partial=False, at_end=())
-    told = verdict.sentences("undetermined", [LadderEntry("rig", 1.1, 0.4, 9.0, 9.0, comparison)],  # type: ignore[arg-type]
-                             [], [step], None)  # type: ignore[list-item]
+    told = verdict.sentences("undetermined", [LadderEntry("rig", 1.1, 0.4, 9.0, 9.0, comparison)],
+                             [], [step], None)
     assert told[1].startswith("The noise of quick (estimated at 0.02 N) cannot be separated from the signal")
     assert "`noise: 0.04 N` at filtered: then" in told[2] and "given" not in told[2] and "wrong" not in told[2]
     assert "noise is left in quick, which" in told[3]

@@ -263,7 +263,7 @@ def test_nothing_read_is_executed_or_opened(attack: str, line: int) -> None:
         def watched(file: object, mode: str = "r", *args: object, **kwargs: object) -> object:
             assert set(mode) <= set("rbtU"), f"{file} was opened for writing"
             assert "passwd" not in str(file), "a file was opened that the diagram does not read"
-            return plain(file, mode, *args, **kwargs)  # type: ignore[call-overload]
+            return plain(file, mode, *args, **kwargs)
 
         patch.setattr(builtins, "open", watched)
         patch.setattr(io, "open", watched)

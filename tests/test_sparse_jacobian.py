@@ -40,7 +40,7 @@ def test_a_full_row_and_a_full_column_take_one_backward_sweep() -> None:
 def test_a_large_machine_on_one_body_is_integrated_with_that_jacobian(monkeypatch: pytest.MonkeyPatch) -> None:
     assembly = hb.assemble(hb.loads(supplied(STATIONS)))
     simulator = Simulator(assembly, tolerances=Tolerances(1e-8, 1e-10))
-    dae = simulator.integrator._dae  # type: ignore[attr-defined]
+    dae = simulator.integrator._dae
     given = integrator_options(dae, simulator.tolerances)["cache"]["jacF"]
     own = ca.Function("own", [dae[name] for name in INPUTS], [ca.jacobian(dae["ode"], dae["x"])])
     first = simulator.run()
@@ -51,6 +51,6 @@ def test_a_large_machine_on_one_body_is_integrated_with_that_jacobian(monkeypatc
     monkeypatch.setattr("heavebond.numerics.idas.given_jacobian", lambda dae: {})
     usual = Simulator(assembly, tolerances=Tolerances(1e-8, 1e-10)).run()
     # the same steps but for rounding, to the integrator's tolerances
-    assert abs(first.statistics["nsteps"] - usual.statistics["nsteps"]) < 0.05 * usual.statistics["nsteps"]  # type: ignore[operator]
+    assert abs(first.statistics["nsteps"] - usual.statistics["nsteps"]) < 0.05 * usual.statistics["nsteps"]
     for run in (first, by_own):
         assert run.x == pytest.approx(usual.x, abs=1e-6 * float(np.abs(usual.x).max()))

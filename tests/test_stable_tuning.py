@@ -47,7 +47,7 @@ def servo() -> Assembly:
 
 
 def _task(**more: object) -> TuningProblem:
-    return TuningProblem(ranges({"gain": "-20 .. -1 kN/m"}), GREEDY, (), 0.0, 2.0, **more)  # type: ignore[arg-type]
+    return TuningProblem(ranges({"gain": "-20 .. -1 kN/m"}), GREEDY, (), 0.0, 2.0, **more)
 
 
 @pytest.mark.parametrize("method", ["trust", "slsqp"])

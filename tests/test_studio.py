@@ -92,7 +92,7 @@ def test_new_diagrams_run_at_once(folder: Folder) -> None:
     for bad in ("", "a b", "../x", "1a", "a" * 80, "a.yaml"):
         assert _code(lambda bad=bad: folder.create(bad)) == "name-bad"
     folder.derive("mine", f"{BUNDLED}cmc_ahc", {"controller.K_p": "1.278 1/m"})
-    assert hb.load(folder.root / "mine.yaml").settings["controller.K_p"].value.text == "1.278 1/m"  # type: ignore[union-attr]
+    assert hb.load(folder.root / "mine.yaml").settings["controller.K_p"].value.text == "1.278 1/m"
     folder.derive("stiffer", "car.yaml", {"spring.c": "30 kN/m"})
     assert "tyre" in hb.load(folder.root / "stiffer.yaml").body.instances
     with pytest.raises(UsageError):
@@ -177,9 +177,9 @@ def test_the_contents_of_the_compensator() -> None:
     opening = next(p for p in parts["ahc"]["parameters"] if p["name"] == "open")
     assert opening["text"] == "=bypass_open" and "slider" not in opening  # it follows from another one
     assert "cmc.friction.F" in [s["name"] for s in parts["cmc.friction"]["signals"]]
-    assert found["nodes"]["crown"]["domain"] == "translational"  # type: ignore[index]
+    assert found["nodes"]["crown"]["domain"] == "translational"
     assert 'data-part="ahc.valve"' in str(found["svg"]) and 'data-node="crown"' in str(found["svg"])
-    assert any(Path(f).parent.name == "components" for f in found["files"])  # type: ignore[attr-defined]
+    assert any(Path(f).parent.name == "components" for f in found["files"])
 
 
 @pytest.mark.parametrize(("old", "new", "code", "line", "part"), [
@@ -201,7 +201,7 @@ def test_a_run_has_the_figures_of_the_command_line(tmp_path: Path) -> None:
     run = CliRunner().invoke(main, ["run", job.path, "--set", "damper.d=2.5 kN*s/m", "--json", str(tmp_path / "out.json")])
     assert run.exit_code == 0
     outputs = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))["outputs"]
-    assert {k: v for k, v in told["outputs"].items() if k in outputs} == outputs  # type: ignore[attr-defined]
+    assert {k: v for k, v in told["outputs"].items() if k in outputs} == outputs
     result = hb.simulate(hb.load(job.path).with_parameters(job.values))
     assert np.array_equal(series, np.vstack([result.time, result.si["damper.F"], result.display["suspension"]]))
 

@@ -57,6 +57,6 @@ def test_the_shares_of_a_mode_are_those_of_the_parts(run: Result) -> None:
 
 def test_a_block_has_what_is_in_it() -> None:
     assembly = assemble(hb.load("cmc_ahc"))
-    for mode in modes(assembly, {})["modes"]:  # type: ignore[attr-defined]
+    for mode in modes(assembly, {})["modes"]:
         inside = sum(share for path, share in mode["energy"].items() if path.startswith("drilling."))
         assert mode["energy"].get("drilling", 0.0) == pytest.approx(inside)

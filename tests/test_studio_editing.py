@@ -224,7 +224,7 @@ def test_the_drawing_is_changed_and_undone_by_the_keyboard(tab: browser.Tab, ser
     texts = [CAR]
 
     def key(name: str, wanted: str, **more: int | str | bool) -> None:
-        tab.key(name, **more)  # type: ignore[arg-type]
+        tab.key(name, **more)
         _settled(tab, wanted)
         texts.append(tab.run("studio.editor.text"))
 

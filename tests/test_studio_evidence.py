@@ -259,7 +259,7 @@ def test_the_page_has_the_figures_of_compare(rig: Path) -> None:
     assert run.exit_code == 0
     assert json.loads((rig / "out.json").read_text(encoding="utf-8"))["records"] == json.loads(json.dumps(told["records"]))
     printed = " ".join(run.output.split())
-    for row in told["items"][0]["rows"]:  # type: ignore[index]
+    for row in told["items"][0]["rows"]:
         assert " ".join(cell for cell in row if cell) in printed
     channel = compare(rig / "measured.yaml").records["tuesday"].channels["load.x"]
     told, rows = evidence.channel(job, "tuesday", "load.x")
@@ -315,7 +315,7 @@ def test_a_fit_has_the_figures_of_the_command_line_and_is_written(rig: Path) -> 
     assert [Path(f).name for f in files] == ["rig_fitted.yaml", "measured_fitted.yaml"]
     fitted = load_experiment(rig / "measured_fitted.yaml")
     value = next(p for p in expected["parameters"].values())["value"]
-    assert fitted.model.settings["damper.d"].value.text.startswith(f"{value:.4g}"[:4])  # type: ignore[union-attr]
+    assert fitted.model.settings["damper.d"].value.text.startswith(f"{value:.4g}"[:4])
 
 
 def test_a_job_that_is_stopped_gives_its_best_so_far_and_one_that_fails_its_reason(rig: Path) -> None:

@@ -252,7 +252,7 @@ def test_the_worst_case_is_found_by_gradients(folder: Path) -> None:
     """At 3 Hz the worst spring is the one that resonates, the worst damper the weakest."""
     code, told = _called("sweep", "isolator.yaml", "--over", "spring.c=30 .. 50 kN/m", "--over", "damper.d=0.6 .. 2 kN*s/m",
                          "--over", "f=3 Hz", "--measure", "rms(motion) in mm", "--from", "4 s", "--worst", "highest")
-    row, = told["rows"]  # type: ignore[misc]
+    row, = told["rows"]
     grid = {(c, d): _swing(3, c, d) for c in np.linspace(30e3, 50e3, 201) for d in (600, 1000, 2000)}
     worst = max(grid, key=grid.__getitem__)
     assert code == 0
@@ -265,11 +265,11 @@ def test_a_grid_is_drawn_and_can_be_gone_on_with(folder: Path) -> None:
     code, told = _called("sweep", "isolator.yaml", "--over", "f=1 .. 3 Hz; 3", "--over", "damper.d=0.5 kN*s/m, 1 kN*s/m",
                          "--measure", "rms(motion) in mm", "--from", "4 s", "--processes", "1", "--plot", "motion")
     assert code == 0
-    assert {Path(str(path)).name for path in told["files"]} == {  # type: ignore[attr-defined]
+    assert {Path(str(path)).name for path in told["files"]} == {
         "table.csv", "table.parquet", "study.json", "signals.csv",
         *(f"{name}{suffix}" for name in ("curves", "map", "signals") for suffix in (".svg", ".png"))}
     rows = told["rows"]
-    assert [row["rms(motion) [mm]"] for row in rows] == pytest.approx(  # type: ignore[attr-defined]
+    assert [row["rms(motion) [mm]"] for row in rows] == pytest.approx(
         [_swing(f, 40e3, d) for f in (1, 2, 3) for d in (500, 1000)], rel=0.02)
     before = {path.name: path.stat().st_mtime_ns for path in (folder / "isolator_sweep" / "done").iterdir()}
     assert _called("study", "isolator_sweep/study.yaml", "--output", "isolator_sweep")[1]["rows"] == rows
@@ -281,11 +281,11 @@ def test_other_values_of_a_sweep_stand_in_a_diagram_of_its_own(folder: Path) -> 
              "rms(motion) in mm", "--from", "4 s", "--processes", "1")
     code, told = _called(*words)
     assert (code, told["study"]) == (0, "sweep of isolator")
-    assert [row["rms(motion) [mm]"] for row in told["rows"]] == pytest.approx(  # type: ignore[attr-defined]
+    assert [row["rms(motion) [mm]"] for row in told["rows"]] == pytest.approx(
         [_swing(f, 40e3, 500) for f in (1, 2)], rel=0.02)
     assert hb.load(folder / "isolator_sweep" / "isolator_set.yaml").settings["damper.d"].value.text == "0.5 kN*s/m"
     code, told = _called(*words[:2], "--set", "damper.e=1 N", *words[4:])
-    assert (code, told["problems"][0]["code"]) == (1, "setting-unknown")  # type: ignore[index]
+    assert (code, told["problems"][0]["code"]) == (1, "setting-unknown")
 
 
 def test_many_lines_are_told_by_colours_and_what_breaks_out_does_not_hide_the_rest(folder: Path) -> None:
@@ -311,7 +311,7 @@ def test_pictures_of_samples(folder: Path, kind: str, pictures: set[str]) -> Non
     code, told = _called("sweep", "isolator.yaml", "--over", "spring.c=40 kN/m +- 20 %", "--over", "f=1 Hz, 2 Hz",
                          "--measure", "rms(motion)", "--sample", kind, "--until", "1 s", "--processes", "1")
     assert code == 0
-    files = [Path(str(path)) for path in told["files"]]  # type: ignore[attr-defined]
+    files = [Path(str(path)) for path in told["files"]]
     assert {path.stem for path in files if path.suffix == ".png"} == pictures
     assert all(path.stat().st_size > 5_000 for path in files if path.suffix == ".png")
 
@@ -331,7 +331,7 @@ def test_wrong_sweeps_are_refused(folder: Path, monkeypatch: pytest.MonkeyPatch,
     pytest.importorskip("distributed")
     monkeypatch.setattr("heavebond.core.cluster.PATIENCE", 0.5)
     exit_code, told = _called("sweep", "isolator.yaml", "--measure", "largest(motion)", *options)
-    assert (exit_code != 0, code in [p["code"] for p in told["problems"]]) == (True, True)  # type: ignore[attr-defined]
+    assert (exit_code != 0, code in [p["code"] for p in told["problems"]]) == (True, True)
 
 
 @pytest.mark.parametrize(("old", "new", "code"), [

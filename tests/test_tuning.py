@@ -39,7 +39,7 @@ def absorber() -> Assembly:
 
 def _task(cost: str, **more: object) -> TuningProblem:
     return TuningProblem(ranges({"damper.d": "1 .. 200 N*s/m", "spring.c": "0.5 .. 2 kN/m"}), cost, begin=10.0, end=20.0,
-                         **more)  # type: ignore[arg-type]
+                         **more)
 
 
 @pytest.mark.parametrize("cost", [

@@ -315,7 +315,7 @@ def test_energy_of_a_run_that_ran_away_is_refused_before_it_is_integrated(monkey
     def counted(self: Simulator, *given: object) -> hb.Result:
         nonlocal runs
         runs += 1
-        return whole(self, *given)  # type: ignore[arg-type]
+        return whole(self, *given)
 
     monkeypatch.setattr(Simulator, "run", counted)
     with pytest.raises(SimulationError, match="run-runaway"):

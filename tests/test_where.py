@@ -266,7 +266,7 @@ def test_shapes_are_told_from_curves(law: object, shape: str) -> None:
     random = np.random.default_rng(2)
     t = np.linspace(0, 60, 3000)
     v, x = np.sin(t) * np.sin(0.31 * t), np.cos(1.7 * t)
-    w = law(v)  # type: ignore[operator]
+    w = law(v)
     deviation = 0.1 * w.std()
     curve = law_of(w + deviation * random.standard_normal(len(t)), deviation, t < 30, ("position", "x", x),
                    ("across", "v", v))

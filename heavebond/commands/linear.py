@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -269,8 +269,8 @@ def _draw(name: str, words: str, channels: Sequence[StateSpace], span: Array, fo
     elif picture == "nyquist":
         figure = plot_linear.plot_nyquist(channels, span, title=title, margins=found)
     elif picture == "poles":
-        zeros: Mapping[str, object] = {plot_linear.channel_name(c): c.zeros() for c in channels}
-        figure = plot_linear.plot_poles(channels[0].poles, zeros, title=title)  # type: ignore[arg-type]
+        zeros = {plot_linear.channel_name(c): c.zeros() for c in channels}
+        figure = plot_linear.plot_poles(channels[0].poles, zeros, title=title)
     else:
         figure = plot_linear.plot_steps(channels, [_step_times(c, until) for c in channels], title=title)
     return [save(figure, output)]

@@ -106,7 +106,7 @@ class Processes(Workers):
                 process.kill()
                 process.join()
         if results is not None:  # the pool has not let go of it before
-            results._writer.close()  # type: ignore[attr-defined]
+            results._writer.close()  # type: ignore[attr-defined]  # no public way to close a pool's pipe
 
 
 def _begun(parent: int, stop: Event, begin: Callable[..., None] | None, given: tuple[Any, ...]) -> None:

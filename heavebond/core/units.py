@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from math import isfinite, pi
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from heavebond.core.common_units import common_unit
 from heavebond.core.errors import suggest
@@ -22,12 +22,15 @@ from heavebond.core.limits import QUANTITY
 from heavebond.core.numerals import NUMBER
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
     from pint import UnitRegistry
 
 Dimension = tuple[tuple[str, Fraction], ...]
 PINT_BASE = {"[length]": "m", "[mass]": "kg", "[time]": "s", "[current]": "A", "[temperature]": "K",
              "[substance]": "mol", "[luminosity]": "cd"}
 ONE: Dimension = ()
+Values = TypeVar("Values", float, "NDArray[np.float64]")
 
 _LETTERS = "A-Za-zµΩ°"
 _UNDER = r"/\([A-Za-z]\w*(?:\*\*[0-9]+|[*/][A-Za-z]\w*)*\)"                         # /(s*Pa)
@@ -84,11 +87,11 @@ class Unit:
     dimension: Dimension
     counts: str = ""
 
-    def to_si(self, value: float) -> float:
-        """SI value of `value` given in this unit."""
+    def to_si(self, value: Values) -> Values:
+        """SI value of `value` given in this unit (also element by element for arrays)."""
         return value * self.scale + self.offset
 
-    def from_si(self, value: float) -> float:
+    def from_si(self, value: Values) -> Values:
         """Value in this unit of an SI value (also element by element for arrays)."""
         return (value - self.offset) / self.scale
 

@@ -153,12 +153,12 @@ def _ordered(boxes: Mapping[BoxKey, Box], links: Sequence[Link]) -> dict[BoxKey,
     row = {name: float(k) for names in columns.values() for k, name in enumerate(names)}
     for sweep in range(SWEEPS):
         for column in sorted(columns, reverse=bool(sweep % 2)):
-            centre = {}
+            centre: dict[BoxKey, float] = {}
             for name in columns[column]:
                 beside = [(row[link.source if link.target == name else link.target], link.energy) for link in links
                           if name in (link.source, link.target)]
                 weight = sum(energy for _, energy in beside)
                 centre[name] = sum(place * energy for place, energy in beside) / weight if weight else row[name]
-            columns[column].sort(key=lambda name, centre=centre: centre[name])  # type: ignore[misc]
+            columns[column].sort(key=centre.__getitem__)
             row.update({name: k - (len(columns[column]) - 1) / 2 for k, name in enumerate(columns[column])})
     return {name: replace(boxes[name], row=k) for names in columns.values() for k, name in enumerate(names)}

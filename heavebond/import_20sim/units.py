@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from heavebond.core.units import UnitProblem, declared_unit, dimension_text, read_unit
+from heavebond.core.units import Dimension, UnitProblem, declared_unit, dimension_text, read_unit
 
 SPELLINGS = {"sec": "s", "Nm": "N*m", "Nms": "N*m*s", "Ns": "N*s", "Ohm": "ohm", "kOhm": "kohm", "MOhm": "Mohm", "Ah": "A*h",
              "mAh": "mA*h", "Ws": "W*s", "Wh": "W*h", "cc": "cm**3", "kmh": "km/h", "mph": "mile/h"}
@@ -46,7 +46,7 @@ def unit_of(text: str) -> ReadUnit:
     return ReadUnit("" if base == "1" else base, found.scale, found.offset)
 
 
-def _base(plain: str, dimension: object) -> str:
+def _base(plain: str, dimension: Dimension) -> str:
     """The unit of scale 1 for `mm`, `km/h`, `uF` ...: each of its tokens in its base where that is the same quantity."""
     def token(match: re.Match[str]) -> str:
         word = match.group()
@@ -63,7 +63,7 @@ def _base(plain: str, dimension: object) -> str:
             return found
     except (UnitProblem, ValueError, OverflowError):
         pass
-    return dimension_text(dimension)  # type: ignore[arg-type]
+    return dimension_text(dimension)
 
 
 def unit_factor(text: str) -> float:

@@ -29,8 +29,6 @@ class InputEstimationConstants:
     range_deviation: standard deviation of a free parameter, as a share of its range (of its logarithm). Origin: a
         uniform distribution has 0.29. Doubled: more misfit is ascribed to parameters.
     max_places: groups of places that are estimated in full. Origin: more are never reported. Doubled: twice the time.
-    max_samples: samples of each record that a curve is learnt from. Origin: time; the input is correlated over some ten
-        samples. Doubled: twice the time, the same curves.
     explains: R2 from which a variable explains a force. Origin: half of its variance. Doubled: no variable is ever
         named.
     distinct: gap in log likelihood that separates two groups of places. Origin: twice the bound of very strong
@@ -58,7 +56,6 @@ class InputEstimationConstants:
     start_deviation: float = 0.02
     range_deviation: float = 0.25
     max_places: int = 4
-    max_samples: int = 1500
     explains: float = 0.5
     distinct: float = 10.0
     sections: int = 12

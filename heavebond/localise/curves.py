@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -374,11 +375,14 @@ def _named(curve: Curve, learn: Mask, knots: Array, found: Regression, misfit: f
         T = form.basis(knots, size, kinks)
         return found.along(T if second is None else np.asarray(np.kron(T, second)))
 
+    def unlearnt(form: Form, kinks: Kinks) -> float:
+        return -fitted(form, kinks).learnt()
+
     good = []
     for form in FORMS:
         if (form.crossing and not crosses_zero(v, size)) or (form.kind and curve.variable.kind != form.kind):
             continue
-        kinks = best_kinks(lambda given, form=form: -fitted(form, given).learnt(), form.kinks, v)  # type: ignore[misc]
+        kinks = best_kinks(partial(unlearnt, form), form.kinks, v)
         tried = fitted(form, kinks).r2(misfit)
         if tried >= enough:
             good.append(((CURVES.exact + 1 - tried) * CURVES.per_number**form.free, tried, form, kinks))

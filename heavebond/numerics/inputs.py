@@ -64,7 +64,7 @@ def read_input(known: KnownInput, begin: float = -np.inf, end: float = np.inf) -
     if given.seed is not None:
         random = np.random.default_rng([given.seed, crc32(known.name.encode())])
         values = values + given.noise * random.standard_normal(len(values))
-    return pieces(time, np.asarray(unit.to_si(values)), given.interpolation)  # type: ignore[arg-type]
+    return pieces(time, unit.to_si(values), given.interpolation)
 
 
 def input_samples(given: FileInput, begin: float = -np.inf, end: float = np.inf, *, table: Table | None = None

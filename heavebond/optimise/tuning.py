@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -134,8 +135,7 @@ def stability_of(problem: Objective, values: Mapping[str, float]) -> Stability:
             return np.nan
         return found[2].worst if found is not None else np.nan
 
-    boundary = {name: (crossing(lambda f, n=name: score(n, f), False),  # type: ignore[misc]
-                       crossing(lambda f, n=name: score(n, f), True))  # type: ignore[misc]
+    boundary = {name: (crossing(partial(score, name), False), crossing(partial(score, name), True))
                 for name in values if values[name]}
     return describe(machine, rest, case.name, list(values), values, boundary)
 

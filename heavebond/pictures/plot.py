@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
@@ -150,8 +151,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
     channels = list(records[0].channels)
     n = len(channels)
     figure = NotebookFigure(figsize=(max(WIDTH, 1.0 + 5.5 * len(records)), max(6.0, 0.8 + 2.4 * n)), dpi=DPI,
-                            layout="constrained")
-    figure.get_layout_engine().set(h_pad=0.02, hspace=0.0, w_pad=0.06, rect=RECT)  # type: ignore[union-attr,call-arg]
+                            layout=ConstrainedLayoutEngine(h_pad=0.02, hspace=0.0, w_pad=0.06, rect=RECT))
     grid = figure.add_gridspec(2 * n, len(records), height_ratios=[3, 1.2] * n)
     for k, record in enumerate(records):
         column: list[Axes] = []
@@ -219,8 +219,8 @@ def plot_influence(found: Rankings, *, bars: int = 12, courses: int = 4, title: 
     rows = found.rankings
     longest = max(min(len(row.influences), bars) for row in rows)
     height = 1.0 + len(rows) * max(3.0, 0.9 + 0.24 * longest)
-    figure = NotebookFigure(figsize=(WIDTH if courses else 0.7 * WIDTH, height), dpi=DPI, layout="constrained")
-    figure.get_layout_engine().set(rect=RECT, hspace=0.04)  # type: ignore[union-attr,call-arg]
+    figure = NotebookFigure(figsize=(WIDTH if courses else 0.7 * WIDTH, height), dpi=DPI,
+                            layout=ConstrainedLayoutEngine(rect=RECT, hspace=0.04))
     figure_title(figure, title)
     panels = figure.subplots(len(rows), 2 if courses else 1, squeeze=False, width_ratios=(1, 1.15) if courses else None)
     for row, (panel, *others) in zip(rows, panels, strict=True):
@@ -299,8 +299,8 @@ def save(figure: Figure, path: str | Path) -> Path:
 # -- axes ----------------------------------------------------------------------------------------------------------
 def _stack(n: int, title: str) -> tuple[Figure, list[Axes]]:
     """n axes above each other that share their time axis."""
-    figure = NotebookFigure(figsize=(WIDTH, max(8.0 if n > 2 else 5.5, 0.9 + 1.75 * n)), dpi=DPI, layout="constrained")
-    figure.get_layout_engine().set(rect=RECT)  # type: ignore[union-attr,call-arg]
+    figure = NotebookFigure(figsize=(WIDTH, max(8.0 if n > 2 else 5.5, 0.9 + 1.75 * n)), dpi=DPI,
+                            layout=ConstrainedLayoutEngine(rect=RECT))
     figure_title(figure, title)
     column: list[Axes] = list(figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0])
     figure.align_ylabels(column)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator, NullLocator
 
 from heavebond.core.presentation import number, readable, readable_unit, unit_label
@@ -34,8 +35,7 @@ def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str 
               ) -> Figure:
     """Magnitude (as a ratio, with decibels on the right) and phase over the frequency in Hz, a line for each channel."""
     channels = [channel.displayed() for channel in channels]
-    figure = Figure(figsize=(WIDTH, 7.5), dpi=DPI, layout="constrained")
-    figure.get_layout_engine().set(rect=RECT)  # type: ignore[union-attr,call-arg]
+    figure = Figure(figsize=(WIDTH, 7.5), dpi=DPI, layout=ConstrainedLayoutEngine(rect=RECT))
     figure_title(figure, title)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     units = {ratio(c) for c in channels}
@@ -132,8 +132,8 @@ def plot_root_locus(found: RootLocus, *, title: str = "") -> Figure:
     """The ways of the poles while a parameter moves, coloured by its value; the stability boundaries in the legend."""
     figure, axes = _plane(title)
     unit = readable_unit(found.unit, float(np.abs(found.values).max()))
-    ends = read_unit(unit).from_si(found.values)  # type: ignore[arg-type]
-    values = np.broadcast_to(np.asarray(ends)[:, None], found.poles.shape)
+    ends = read_unit(unit).from_si(found.values)
+    values = np.broadcast_to(ends[:, None], found.poles.shape)
     axes.plot(found.poles.real, found.poles.imag, color="#c8c8c8", linewidth=0.8, zorder=1)
     drawn = axes.scatter(found.poles.real, found.poles.imag, c=values, s=11, cmap="viridis", zorder=2)
     axes.plot(found.poles[0].real, found.poles[0].imag, "x", color="black", markersize=8, markeredgewidth=1.6, zorder=3,
@@ -152,8 +152,7 @@ def plot_steps(channels: Sequence[StateSpace], times: Sequence[Array], *, title:
     """What a step of 1 in its unit makes of each channel, one axes each, with the value that it settles at."""
     channels = [channel.displayed() for channel in channels]
     n = len(channels)
-    figure = Figure(figsize=(WIDTH, max(4.5, 0.9 + 2.2 * n)), dpi=DPI, layout="constrained")
-    figure.get_layout_engine().set(rect=RECT)  # type: ignore[union-attr,call-arg]
+    figure = Figure(figsize=(WIDTH, max(4.5, 0.9 + 2.2 * n)), dpi=DPI, layout=ConstrainedLayoutEngine(rect=RECT))
     figure_title(figure, title)
     for axes, channel, time in zip(figure.subplots(n, 1, squeeze=False)[:, 0], channels, times, strict=True):
         axes.plot(time, channel.step(time)[:, 0, 0], color=COLOURS[0], linewidth=1.4)
@@ -196,8 +195,8 @@ def _plane(title: str) -> tuple[Figure, Axes]:
 
 def _planes(title: str, number: int) -> tuple[Figure, list[Axes]]:
     """Complex planes side by side."""
-    figure = Figure(figsize=(9.0, 7.5) if number == 1 else (6.0 * number, 6.8), dpi=DPI, layout="constrained")
-    figure.get_layout_engine().set(rect=RECT)  # type: ignore[union-attr,call-arg]
+    figure = Figure(figsize=(9.0, 7.5) if number == 1 else (6.0 * number, 6.8), dpi=DPI,
+                    layout=ConstrainedLayoutEngine(rect=RECT))
     figure_title(figure, title)
     planes: list[Axes] = list(figure.subplots(1, number, squeeze=False)[0])
     for axes in planes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from heavebond.core.presentation import readable_unit, unit_label
 from heavebond.core.units import read_unit
@@ -22,8 +23,7 @@ def plot_place(found: Localization, place: str) -> Figure:
     it, and over time with twice its standard deviation; UsageError for a place that was not estimated."""
     found.implied(place)
     suspect = next(s for s in found.suspects if s.place.name == place)
-    figure = Figure(figsize=(WIDTH, 7.2), dpi=DPI, layout="constrained")
-    figure.get_layout_engine().set(rect=RECT, hspace=0.06)  # type: ignore[union-attr,call-arg]
+    figure = Figure(figsize=(WIDTH, 7.2), dpi=DPI, layout=ConstrainedLayoutEngine(rect=RECT, hspace=0.06))
     figure.suptitle(f"{found.experiment.name}: what is missing {suspect.place.words} "
                     f"({100 * suspect.explained:.4g} % of the misfit explained)", x=0.01, ha="left", fontsize=12)
     shown = readable_unit(suspect.place.unit.text, suspect.rms)
@@ -46,8 +46,7 @@ def plot_misfit(found: Localization) -> Figure:
     records = list(dict.fromkeys(s.record for s in found.stretches))
     first = {s.channel: s for s in reversed(found.states)}
     best = [first[name] for name in channels if name in first]
-    figure = Figure(figsize=(WIDTH, 6.5 if best else 3.6), dpi=DPI, layout="constrained")
-    figure.get_layout_engine().set(rect=RECT, hspace=0.06)  # type: ignore[union-attr,call-arg]
+    figure = Figure(figsize=(WIDTH, 6.5 if best else 3.6), dpi=DPI, layout=ConstrainedLayoutEngine(rect=RECT, hspace=0.06))
     figure.suptitle(f"{found.experiment.name}: when and in what state of motion the model misses", x=0.01, ha="left",
                     fontsize=12)
     grid = figure.add_gridspec(2 if best else 1, 1)

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 Array = NDArray[np.float64]
 BLOCKS = 16  # left out one after the other for the standard error
@@ -75,21 +79,21 @@ def lateness(time: Array, measured: Array, grid: Array, model: Array) -> TimeDel
     return None
 
 
-def _inside(time: Array, curve: object, *delays: float) -> NDArray[np.bool_]:
-    first, last = curve.x[0], curve.x[-1]  # type: ignore[attr-defined]
+def _inside(time: Array, curve: PPoly, *delays: float) -> NDArray[np.bool_]:
+    first, last = curve.x[0], curve.x[-1]
     inside = np.ones(len(time), dtype=bool)
     for delay in delays:
         inside &= (time - delay >= first) & (time - delay <= last)
     return inside
 
 
-def _regression(time: Array, measured: Array, curve: object, slope: object, delay: float) -> tuple[float, float] | None:
+def _regression(time: Array, measured: Array, curve: PPoly, slope: PPoly, delay: float) -> tuple[float, float] | None:
     """How much later still, and the standard error of that."""
     inside = _inside(time, curve, delay)
     t, y = time[inside] - delay, measured[inside]
     if len(t) < 3 * BLOCKS:
         return None
-    columns = np.column_stack([np.ones(len(t)), curve(t), -slope(t)])  # type: ignore[operator]
+    columns = np.column_stack([np.ones(len(t)), curve(t), -slope(t)])
     sizes = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300)
     columns = columns / sizes
     edges = np.linspace(0, len(t), BLOCKS + 1).astype(int)
@@ -110,10 +114,10 @@ def _regression(time: Array, measured: Array, curve: object, slope: object, dela
     return found, float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((parts - np.mean(parts)) ** 2)))
 
 
-def _rest(time: Array, measured: Array, curve: object, delay: float, other: float) -> float:
+def _rest(time: Array, measured: Array, curve: PPoly, delay: float, other: float) -> float:
     """The rms error that offset and gain leave at a delay, over the samples that both delays reach."""
     inside = _inside(time, curve, delay, other)
-    columns = np.column_stack([np.ones(int(inside.sum())), curve(time[inside] - delay)])  # type: ignore[operator]
+    columns = np.column_stack([np.ones(int(inside.sum())), curve(time[inside] - delay)])
     y = measured[inside]
     left = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
     return float(np.sqrt(np.mean(left**2)))

@@ -115,8 +115,9 @@ class LongJob:
         elif kind == "ladder":
             self.ladder = _plain(told[0])
         elif kind == "done":
-            self.told, self.arrays = _plain(told[0]), told[1]
-            self.ladder = self.told.get("ladder") or self.ladder  # type: ignore[assignment]
+            result: dict[str, Any] = _plain(told[0])
+            self.told, self.arrays = result, told[1]
+            self.ladder = result.get("ladder") or self.ladder
             self._end("done")
         elif kind == "problems":
             self.problems = told[0]

@@ -11,7 +11,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parents[2] / "tests"))
 
-import browser  # noqa: E402
+import browser  # noqa: E402 - found in the folder of the line above
 
 SETTLED = 0.5  # s until the charts are drawn
 PATIENCE = 300.0  # s for a diagnosis
