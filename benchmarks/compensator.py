@@ -48,7 +48,7 @@ def files(diagram: Path) -> list[Path]:
     return [diagram, *sorted((diagram.parent / "components").iterdir())]
 
 
-def composed(diagram: Path) -> list[yaml.Node]:
+def composed(diagram: Path) -> list[yaml.Node | None]:
     """The node graphs of the same files by PyYAML."""
     found = (yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader) for path in files(diagram))
     return [node for node in found if node is not None]
@@ -67,7 +67,7 @@ def scalars_read(node: Node) -> Iterator[str]:
             yield from scalars_read(item)
 
 
-def scalars_composed(node: yaml.Node) -> Iterator[str]:
+def scalars_composed(node: yaml.Node | None) -> Iterator[str]:
     """Every piece of text in a node graph of PyYAML's."""
     if isinstance(node, yaml.ScalarNode):
         yield node.value
@@ -100,7 +100,7 @@ def process_disagreement() -> float:
         process(*COMMAND, "run", "cmc_ahc", "--json", str(told))
         said = float(json.loads(told.read_text(encoding="utf-8"))["outputs"]["WOB"]["final"])
     here = float(hb.simulate(hb.load("cmc_ahc")).display["WOB"][-1])
-    return abs(said - here) / abs(here)
+    return float(abs(said - here) / abs(here))
 
 
 def process_figures() -> list[Figure]:
@@ -188,7 +188,11 @@ def tuning_figures() -> list[Figure]:
         plain, rng = hb.Simulator(assembly), np.random.default_rng(7)
         starts = [{"controller.K_p": rng.uniform(4, 8), "controller.K_v": rng.uniform(0, 1.2)} for _ in range(STARTS)]
         tunings = iter([assembly.with_parameters(starts[k % STARTS]) for k in range(30)])
-        measured = paired(lambda tunings=tunings: tune(next(tunings), task), plain.run, STARTS)  # type: ignore[misc]
+
+        def tuned(tunings: Iterator[hb.Assembly] = tunings) -> object:
+            return tune(next(tunings), task)
+
+        measured = paired(tuned, plain.run, STARTS)
         found.append(at_most(f"{name}: both gains tuned from a bad start / run", measured, 40))
     return found
 

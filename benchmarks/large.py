@@ -45,6 +45,10 @@ class Large:
         """Read, assembled, with an integrator that can run."""
         return hb.Simulator(hb.assemble(self.model(size)), until, tolerances=TOLERANCES)
 
+    def whole(self) -> object:
+        """From the file to the end of the run, at the size that is measured."""
+        return self.simulator(self.size).run()
+
     def by_hand(self, flat: Flat, times: Array) -> ca.Function:
         """The integrator of the flat equations."""
         return ca.integrator(self.diagram, "idas", {"x": flat.x, "t": flat.t, "ode": flat.ode}, 0, times[1:].tolist(),
@@ -81,8 +85,7 @@ def figures() -> list[Figure]:
         integrator = large.by_hand(flat, times)
         x0, p = first.x[:, 0] / simulator.assembly.x_nominal, simulator.integrand.hoist(first.p, np.zeros((len(first.p), 0)))
         warm = paired(partial(simulator.integrator, x0=x0, p=p), partial(integrator, x0=flat.x0), PAIRS, SETTLE)
-        whole = paired(lambda large=large: large.simulator(large.size).run(),  # type: ignore[misc]
-                       partial(large.whole_by_hand, large.size, times), PAIRS)
+        whole = paired(large.whole, partial(large.whole_by_hand, large.size, times), PAIRS)
         found.append(Figure(f"{large.what} ({flat.x.numel()} states): integration / hand-written CasADi", spoken(warm)))
         found.append(Figure(f"{large.what}: read, assemble, start, integrate / build and integrate by hand", spoken(whole)))
         model = large.model(large.size)

@@ -19,6 +19,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -53,7 +54,7 @@ def chance(directions: Array, signed: Array, level: float) -> float:
     return float(np.quantile(np.where(signed, np.abs(draws), draws).max(axis=1), 1 - level))
 
 
-def predicted(rig: Rig) -> list[dict[str, object]]:
+def predicted(rig: Rig) -> list[dict[str, Any]]:
     """One row for each candidate that can stand in the diagram at amplitude zero."""
     with tempfile.TemporaryDirectory() as folder:
         case = Hidden(rig, (), f"{rig.name}/detectability", Path(folder), share=0.0).case()
@@ -71,7 +72,7 @@ def limit(n: int) -> float:
     return STRONG + INEXACT * 2 * n
 
 
-def _row(rig: Rig, score: Score, scores: Sequence[Score], directions: Array, seen: float, n: int) -> dict[str, object]:
+def _row(rig: Rig, score: Score, scores: Sequence[Score], directions: Array, seen: float, n: int) -> dict[str, Any]:
     own = (score.candidate.kind, rig.place(score.candidate.where))
     cosines = directions @ score.direction
     rivals = [(abs(float(c)) if s.signed or c > 0 else 0.0, s.candidate.label)
@@ -86,18 +87,18 @@ def _row(rig: Rig, score: Score, scores: Sequence[Score], directions: Array, see
             "numbers": {c.name: c.unit.text for c in score.candidate.numbers if c.amplitude}}
 
 
-def checked(rig: Rig, row: dict[str, object], factor: float) -> dict[str, object]:
+def checked(rig: Rig, row: dict[str, Any], factor: float) -> dict[str, object]:
     """The same effect, so many times as large as is just named, diagnosed."""
-    amplitude = float(row["named"]) * factor  # type: ignore[arg-type]
+    amplitude = float(row["named"]) * factor
     key = f"{row['key']} x {factor:g}"
-    keys = [name.rpartition(".")[2] for name in row["numbers"]]  # type: ignore[attr-defined]
-    shapes = {name.rpartition(".")[2]: v for name, v in row["shapes"].items()}  # type: ignore[attr-defined]
+    keys = [name.rpartition(".")[2] for name in row["numbers"]]
+    shapes = {name.rpartition(".")[2]: v for name, v in row["shapes"].items()}
     truth = Truth(str(row["label"]), str(row["label"]), lambda a, drawn: {**dict.fromkeys(keys, a), **shapes})
     with tempfile.TemporaryDirectory() as folder:
         hidden = Hidden(rig, [truth], f"{rig.name}/detectability", Path(folder), share=0.0)
         # driven as the machine was for which the amplitude was predicted
         hidden.inputs = Hidden(rig, (), f"{rig.name}/detectability", Path(folder), share=0.0).inputs
-        case = replace(hidden.case([amplitude]), misfit=float(row["misfit_named"]) * factor**2)  # type: ignore[arg-type]
+        case = replace(hidden.case([amplitude]), misfit=float(row["misfit_named"]) * factor**2)
         found = hb.diagnose(case.experiment, number=1, seconds=SECONDS)
         return {"key": key, "rig": rig.name, "label": row["label"], "factor": factor, "amplitude": amplitude,
                 **told(rig, case, found)}

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -28,6 +29,7 @@ from heavebond.numerics.dae import Array
 from heavebond.numerics.simulator import Tolerances
 
 # What is hidden, with its share of the draw.
+T = TypeVar("T")
 SHARES = {"nothing": 0.12, "free": 0.1, "fixed": 0.08, "inside": 0.35, "other law": 0.15, "outside": 0.2}
 USES = (("fit",), ("fit", "validate"), ("fit", "validate", "test"))
 RECORDS = (0.25, 0.5, 0.25)  # shares of one, two and three records
@@ -153,9 +155,12 @@ class _Case:
         first = self._fixed if self.hidden == "fixed" else self._effect
         return first(reference, base, noise, shown)
 
+    def _one_of(self, things: Sequence[T]) -> T:
+        return things[int(self.rng.integers(len(things)))]
+
     def _fixed(self, reference: Base, base: Mapping[str, Array], noise: Array, shown: Mapping[str, float]) -> Drawn:
         """A value that the diagram holds fixed is wrong."""
-        chosen = self.rng.choice(fixed_values(self.base))  # type: ignore[arg-type]
+        chosen = self._one_of(fixed_values(self.base))
         (held,) = chosen.numbers
         factor = self.rng.uniform(*WRONG) ** self.rng.choice([-1, 1])
         clean = self._clean(self.base, {**self.values, held.name: held.neutral * factor}, TIGHT)
@@ -174,8 +179,8 @@ class _Case:
         classes = [kind for kind, of in laws.items() if self.hidden != "other law" or len(of) > 1]
         if not classes:
             raise _Unfit
-        of = laws[str(self.rng.choice(classes))]
-        chosen = self.rng.choice(of[str(self.rng.choice(list(of)))])  # type: ignore[arg-type]
+        of = laws[self._one_of(classes)]
+        chosen = self._one_of(of[self._one_of(list(of))])
         if self.hidden == "other law" and not any(c.kind == chosen.kind and set(c.where) == set(chosen.where)
                                                   for c in everything if c.component != chosen.component):
             raise _Unfit
@@ -196,7 +201,7 @@ class _Case:
         scores = [s for s in scored(reference, chosen) if s.told_apart]
         if not scores:
             raise _Unfit
-        score: Score = self.rng.choice(scores)  # type: ignore[arg-type]
+        score = self._one_of(scores)
         size = float(np.sqrt(target * len(reference.r))) / (score.size * score.share)
         side = score.side or (int(self.rng.choice([-1, 1])) if score.signed else 1)
         for _ in range(4):

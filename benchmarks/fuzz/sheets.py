@@ -106,7 +106,12 @@ def renamed(formula: str, new: Callable[[str], str]) -> str:
 def names_in(formula: str) -> list[str]:
     """The names that a formula holds, as they are written."""
     found: list[str] = []
-    renamed(formula, lambda name: found.append(name) or name)  # type: ignore[func-returns-value]
+
+    def keep(name: str) -> str:
+        found.append(name)
+        return name
+
+    renamed(formula, keep)
     return found
 
 
@@ -123,12 +128,12 @@ def quantities(formula: str, new: Callable[[float, str], str]) -> str:
         tree = parse_formula(formula[lead:])
     except ExpressionProblem:
         return formula
-    numbers = [n for n in walk(tree) if isinstance(n, Number) and n.unit is not None]
-    for number in sorted(numbers, key=lambda n: n.column, reverse=True):
-        k = lead + number.column
-        written = re.match(r"[\d.]+(?:[eE][+-]?\d+)? *" + re.escape(number.unit.text), formula[k:])  # type: ignore[union-attr]
+    numbers = [(n.column, n.value, n.unit.text) for n in walk(tree) if isinstance(n, Number) and n.unit is not None]
+    for column, number, unit_text in sorted(numbers, reverse=True):
+        k = lead + column
+        written = re.match(r"[0-9.]+(?:[eE][+-]?[0-9]+)? *" + re.escape(unit_text), formula[k:])
         if written:
-            formula = formula[:k] + new(number.value, number.unit.text) + formula[k + written.end():]  # type: ignore[union-attr]
+            formula = formula[:k] + new(number, unit_text) + formula[k + written.end():]
     return formula
 
 
