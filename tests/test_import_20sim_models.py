@@ -438,6 +438,40 @@ equations
         agree(run[f"Charge.{name}"], first * np.exp(-run.time))
 
 
+def test_initial_values_that_the_experiment_states_of_parameters(tmp_path: Path) -> None:
+    """20-sim lists a parameter that serves as an initial value among these, be it global or not."""
+    parts = (part("Globals", "", "parameters\n real global start ('shared');")
+             + part("Charge", "signal out y; signal out z", """parameters
+ real global start;
+ real first = 1;
+equations
+ y = int (-y, start);
+ z = int (-z, first);"""))
+    run = imported(tmp_path, parts, "", 1.0, "<Variables><Initials><Variable><Name>start</Name><Value>0.25</Value></Variable>"
+                   "<Variable><Name>Charge\\first</Name><Value>3</Value></Variable></Initials></Variables>")
+    agree(run["Charge.y"], 0.25 * np.exp(-run.time))
+    agree(run["Charge.z"], 3 * np.exp(-run.time))
+
+
+def test_equations_with_one_quantity_on_the_left_hold_at_the_same_time(tmp_path: Path) -> None:
+    """A heat exchanger: three balances of one heat flow give it and the two temperatures at its outlets."""
+    body = """parameters
+ real eps = 0.4, Cw = 400, Ca = 500, Tw = 40;
+variables
+ real Q, T_back, T_supply;
+equations
+ Q = Cw * (Tw - T_back);
+ Q = eps * Ca * (Tw - T);
+ Q = Ca * (T_supply - T);
+ T = int (Q / 1000, 10);
+ back = T_back;
+ supply = T_supply;"""
+    run = imported(tmp_path, part("Coil", "signal out T; signal out back; signal out supply", body), "", 2.0, "")
+    heat = 0.4 * 500 * 30 * np.exp(-0.2 * run.time)
+    agree(run["Coil.back"], 40 - heat / 400)
+    agree(run["Coil.supply"], run["Coil.T"] + heat / 500)
+
+
 def test_elements_of_the_library_are_recognised_by_their_equations(tmp_path: Path) -> None:
     """Whatever they are called and however their equations are arranged; what is only similar keeps its own component."""
     parts = (part("Sum1", "signal knot duplicatable in plus [1]; signal knot duplicatable in minus [1]; signal knot out "

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.choices import names
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.sidops_tree import Assign, Expr, For, If, Statement, While
 
@@ -42,6 +43,17 @@ def assigned(statement: Statement) -> list[str]:
     if isinstance(statement, If):
         return [n for s in (*statement.then, *statement.otherwise) for n in assigned(s)]
     return [n for s in statement.body for n in assigned(s)] if isinstance(statement, (For, While)) else []
+
+
+def mentioned(statement: Statement) -> set[str]:
+    """The names of all quantities in a statement."""
+    if isinstance(statement, Assign):
+        return {*names(statement.left), *names(statement.right)}
+    if isinstance(statement, If):
+        return set(names(statement.condition)).union(*map(mentioned, (*statement.then, *statement.otherwise)))
+    if isinstance(statement, While):
+        return set(names(statement.condition)).union(*map(mentioned, statement.body))
+    return set().union(*map(mentioned, statement.body)) if isinstance(statement, For) else set()
 
 
 def assigned_again(statements: Iterable[Statement]) -> set[str]:

@@ -218,12 +218,12 @@ class Translator:
         """Values of the experiment."""
         prefix = f"{old}\\" if old else ""
         for item in made.of_kind("parameter"):
-            stated = self.emx.parameters.get(f"{prefix}{item.name}")
+            stated = self.emx.stated(f"{prefix}{item.name}")
             if stated is not None:
                 item.value = stated
         for own, shared in made.shared.items():
-            if (label := identifier(shared)) in self.emx.parameters:
-                made.items[own].value = self.emx.parameters[label]
+            if (stated := self.emx.stated(identifier(shared))) is not None:
+                made.items[own].value = stated
         self.pending.append((made, prefix, builder))
 
     def _initial_values(self, made: Component, prefix: str, builder: Builder) -> None:

@@ -33,6 +33,10 @@ class EmxFile:
     texts: dict[str, str] = field(default_factory=dict)  # parameters that are texts, such as names of files
     plotted: list[str] = field(default_factory=list)
 
+    def stated(self, parameter: str) -> float | None:
+        """The value of a parameter in the experiment, where one that is an initial value stands among those."""
+        return self.parameters.get(parameter, self.initials.get(parameter))
+
     def within(self, part: str) -> None:
         """Name the quantities as those of a part, beside the global ones."""
         for values in (self.parameters, self.initials):

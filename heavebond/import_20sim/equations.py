@@ -9,7 +9,7 @@ from pathlib import Path, PureWindowsPath
 from types import MappingProxyType
 
 from heavebond.import_20sim import formula_text as f
-from heavebond.import_20sim.assignments import EVENTS, assigned, assigned_again, calls, has_event, make_placeholder
+from heavebond.import_20sim.assignments import EVENTS, assigned, assigned_again, calls, has_event, make_placeholder, mentioned
 from heavebond.import_20sim.choices import (
     at_event,
     at_start,
@@ -98,7 +98,7 @@ class Builder(Execution):
         start = self.start = {name: simplified(begun(value)) for name, value in
                               self._in_turn(self.source.initial, {}, elsewhere).items()}
         written: set[str] = set()
-        several = assigned_again(self.source.equations)
+        several = assigned_again(self.source.equations) - self._simultaneous()
         for statement in self.source.equations:
             self.symbols.guard(partial(self._trigger, statement), statement.line)
         again: Env = dict(self.triggers)
@@ -113,6 +113,26 @@ class Builder(Execution):
         self.evaluate.values = {}
         self._results(code, start, written)
         self._unwritten(start, written)
+
+    def _simultaneous(self) -> set[str]:
+        """The quantities on the left side of several equations that hold at the same time: there are as many equations as
+        unknowns only if each of them counts. 20-sim solves one of them for another quantity."""
+        plain = [s for s in self.source.equations if isinstance(s, Assign)]
+        left = [s.left.name for s in plain if s.left.op == "name"]
+        others = [s for s in (*self.source.equations, *self.source.code) if not (isinstance(s, Assign) and s in plain)]
+        elsewhere = {label for s in others for label in assigned(s)}
+        again = {label for label in left if left.count(label) > 1} - elsewhere
+        if not again:
+            return set()
+
+        def size(label: str) -> int:
+            return sum(len(row) for row in self.symbols.names.get(label, []))
+
+        used = {n for s in (*self.source.equations, *self.source.code) for n in mentioned(s)}
+        unknown = sum(size(label) for label in used if (rows := self.symbols.names.get(label)) and
+                      (item := self.made.items.get(rows[0][0].name)) is not None and item.kind in ("variable", "out"))
+        given = sum(map(size, left)) + len(plain) - len(left) + sum(map(size, elsewhere - set(left)))
+        return again if given == unknown + len(self.made.of_kind("bond")) else set()
 
     def _code(self) -> Env:
         """What the statements of `code` assign."""
