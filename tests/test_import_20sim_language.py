@@ -247,3 +247,71 @@ def test_collected_signals_are_a_vector(tmp_path: Path) -> None:
              " output = collect (input);\n most = max (collect (input));", knot=True)
     run = imported(tmp_path, parts, "A\\y -> Mux\\input; B\\y -> Mux\\input", 2.0)
     assert run["Mux.output_2"] == pytest.approx(2 - run.time) and run["Mux.most"] == pytest.approx(1 + abs(run.time - 1))
+
+
+def test_what_branches_compute_for_themselves_takes_no_events(tmp_path: Path) -> None:
+    """A value that is used in its own branch alone is an equation; one that is read when its branch has ended is kept."""
+    text = one_part("""parameters
+ real a = 2;
+variables
+ real r, root, last, early;
+code
+ if sin (time) > 0 then
+  r = sin (time) / a;
+  root = sqrt (sin (time));
+  early = 3 * time;
+  y = r^2 + root;
+ else
+  y = 0;
+  w = early;
+ end;
+ if sin (time) > 0.5 then
+  last = time;
+  z = last;
+ end;""", "y w z", finish=5)
+    (component,) = (t for name, t in written(tmp_path, text).items() if name.startswith("components/"))
+    equations = re.sub(" +=", " =", component)
+    assert "  r = sin(time)/a\n" in equations
+    assert "  root = if_else(sin(time) > 0, sqrt(sin(time)), 0)   # 0 where no branch assigns it\n" in equations
+    assert "r**2 + root" in equations and "r_kept" not in component and "root_kept" not in component
+    run = run_part(tmp_path, text)
+    assert at(run, "y", 1, 4) == pytest.approx([np.sin(1)**2 / 4 + np.sqrt(np.sin(1)), 0])
+    assert at(run, "w", 4) == pytest.approx([3 * np.pi], abs=1e-5)  # kept at the end of the branch
+    assert at(run, "z", 1, 4) == pytest.approx([1, 5 * np.pi / 6], abs=1e-5)
+
+
+def test_a_placeholder_gives_what_its_equations_gave(tmp_path: Path) -> None:
+    """A store with a law in a DLL behind a source of flow: its effort is a parameter, and the rest of the model runs."""
+    parts = (part("Source", "power out p", "equations\n p.f = 1;") + part("Store", "power in p; signal out m", "variables\n"
+             " real inner;\nequations\n m = int (p.f);\n inner = dll ('gas.dll', 'pressure', m);\n p.e = inner;"))
+    run = imported(tmp_path, parts, "Source\\p => Store\\p", 1.0, untranslated=1)
+    assert "  p.e = p_effort   # not translated\n" in (tmp_path / "out" / "components" / "store.yaml").read_text()
+    assert run["Store.p.e"][-1] == 0
+
+
+TABLE = """parameters
+ real M[3,2] = [0, 1; 2, 5; 3, 4];
+variables
+ integer k, n;
+ real share;
+code
+ n = rows (M);
+ k = 1;
+ while k < n - 1 and u > M[k + 1,1] do k = k + 1; end;
+ share = limit ((u - M[k,1]) / (M[k + 1,1] - M[k,1]), 0, 1);
+ y = M[k,2] + share * (M[k + 1,2] - M[k,2]);"""
+
+
+@pytest.mark.parametrize(("ports", "body", "kind"), [
+    ("signal in u; signal out y", TABLE, "Lookup, x: [0, 2, 3], v: [1, 5, 4]"),
+    ("signal out y", re.sub(r"\bu\b", "time", TABLE), "TableSource, t: "),
+    ("signal in u; signal out y", TABLE.replace("share * (M", "0 * share * (M"), "Map"),  # constant between the points
+])
+def test_a_matrix_of_points_is_the_table_of_the_library(tmp_path: Path, ports: str, body: str, kind: str) -> None:
+    """By whatever loop it is searched; what is not linear between its points, or not constant outside, is another law."""
+    clock = part("Clock", "signal out y", "equations\n y = 4 * time - 1;")
+    run = imported(tmp_path, clock + part("Map", ports, body), "Clock\\y -> Map\\u" if "in u" in ports else "", 1.25)
+    assert f"{{is: {kind}" in (tmp_path / "out" / "m.yaml").read_text()
+    if kind != "Map":
+        u = 4 * run.time - 1 if "in u" in ports else run.time
+        assert run["Map.y"] == pytest.approx(np.interp(u, [0, 2, 3], [1, 5, 4]), abs=1e-9)

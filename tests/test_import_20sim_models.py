@@ -447,8 +447,8 @@ def test_initial_values_that_the_experiment_states_of_parameters(tmp_path: Path)
 equations
  y = int (-y, start);
  z = int (-z, first);"""))
-    run = imported(tmp_path, parts, "", 1.0, "<Variables><Initials><Variable><Name>start</Name><Value>0.25</Value></Variable>"
-                   "<Variable><Name>Charge\\first</Name><Value>3</Value></Variable></Initials></Variables>")
+    run = imported(tmp_path, parts, "", 1.0, "<Variables><Initials><Variable><Name>start</Name><Value>0.25</Value>"
+                   "</Variable><Variable><Name>Charge\\first</Name><Value>3</Value></Variable></Initials></Variables>")
     agree(run["Charge.y"], 0.25 * np.exp(-run.time))
     agree(run["Charge.z"], 3 * np.exp(-run.time))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.choices import names
@@ -22,8 +22,9 @@ def has_event(expr: Expr) -> bool:
     return any(n.lower() in EVENTS for n in calls(expr))
 
 
-def make_placeholder(made: Component) -> None:
-    """Constant outputs and free ports in place of equations that are not translated."""
+def make_placeholder(made: Component, given: Collection[str] = ()) -> None:
+    """Constants in place of equations that are not translated: for each output, and for the effort of each port that the
+    submodel gives (`given` are the quantities of ports that it assigns); the flow of other ports is 0."""
     made.equations, made.events, made.initial, made.first, made.gives, made.tables = [], {}, {}, {}, {}, {}
     made.items = {n: item for n, item in made.items.items() if item.kind not in ("variable", "held")}
     for item in list(made.items.values()):
@@ -31,6 +32,10 @@ def make_placeholder(made: Component) -> None:
             value, doc = made.fresh(f"{item.name}_value"), f"value of the output {item.name}, which is not computed"
             made.items[value] = Item(value, "parameter", "", doc, 0.0)
             made.equations.append((f.name(item.name), f.name(value), "not translated"))
+        elif item.kind == "bond" and f"{item.name}.e" in given and f"{item.name}.f" not in given:
+            value, doc = made.fresh(f"{item.name}_effort"), f"effort of the port {item.name}, which is not computed"
+            made.items[value] = Item(value, "parameter", "W", doc, 0.0)
+            made.equations.append((f.name(f"{item.name}.e"), f.name(value), "not translated"))
         elif item.kind == "bond":
             made.equations.append((f.name(f"{item.name}.f"), f.number(0), "not translated"))
 

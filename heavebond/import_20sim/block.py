@@ -168,7 +168,9 @@ class Translator:
         prefix = f"{old}\\" if old else ""
         texts = {name[len(prefix):]: text for name, text in self.emx.texts.items() if name.startswith(prefix)}
         builder = Builder(submodel, self.comments, ends, self._known(), texts, self.emx.path.parent,
-                          id(submodel) in self.sampling.discrete, self.sampling.held.get(id(submodel), ()))
+                          id(submodel) in self.sampling.discrete, self.sampling.held.get(id(submodel), ()), [
+                              label[len(prefix):] for name in self.emx.plotted for label in labels(name)
+                              if label.startswith(prefix)])
         made = builder.build()
         if id(submodel) in self.sampling.discrete and not made.untranslated:
             self._show_samples(made, builder.memory, prefix)

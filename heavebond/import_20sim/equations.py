@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from functools import partial
 from pathlib import Path, PureWindowsPath
 from types import MappingProxyType
 
 from heavebond.import_20sim import formula_text as f
-from heavebond.import_20sim.assignments import EVENTS, assigned, assigned_again, calls, has_event, make_placeholder, mentioned
+from heavebond.import_20sim.assignments import (
+    EVENTS,
+    assigned,
+    assigned_again,
+    calls,
+    has_event,
+    make_placeholder,
+    mentioned,
+)
+from heavebond.import_20sim.branch_values import without_memory
 from heavebond.import_20sim.choices import (
     at_event,
     at_start,
@@ -42,13 +51,14 @@ NO_EFFECT = {"warning", "stopsimulation", "effortincausality", "flowincausality"
 class Builder(Execution):
     """The component of one submodel; `comments` by line, `ends` the connections of a knot's ports (name, direction), `known`
     the values of global quantities, `discrete` whether its statements act at samples, `held` its inputs that come from
-    discrete submodels."""
+    discrete submodels, `plotted` its quantities that the experiment plots."""
 
     def __init__(self, submodel: Submodel, comments: Mapping[int, str], ends: Iterable[tuple[str, str, str]] = (),
                  known: Mapping[str, float] = MappingProxyType({}), texts: Mapping[str, str] = MappingProxyType({}),
-                 folder: Path | None = None, discrete: bool = False, held: Iterable[str] = ()):
+                 folder: Path | None = None, discrete: bool = False, held: Iterable[str] = (),
+                 plotted: Collection[str] = ()):
         super().__init__()
-        self.discrete, self.held_inputs = discrete, held
+        self.discrete, self.held_inputs, self.plotted = discrete, held, plotted
         self.submodel, self.comments = submodel, comments
         self.made = Component(camel(submodel.type or submodel.name), "")
         self.memory = Memory(self.made)
@@ -77,7 +87,9 @@ class Builder(Execution):
         except RecursionError:
             made.untranslated.append((self.submodel.line, "an expression is nested too deeply"))
         if made.untranslated:
-            make_placeholder(made)
+            sides = (e for s in (*self.source.equations, *self.source.code) if isinstance(s, Assign) and s.left.op == "name"
+                     for row in self.symbols.names.get(s.left.name, []) for e in row)
+            make_placeholder(made, {e.args[0].name if e.op == "negative" else e.name for e in sides})
         else:
             made.junction = one_junction(self.symbols)
             split_deep(made)
@@ -110,6 +122,8 @@ class Builder(Execution):
                 self.symbols.guard(partial(self._top, statement, written, start), statement.line)
         self._results(again, start, written)
         code = self._code()
+        if not self.discrete:
+            code = self._without_memory(code, self.source.equations)
         self.evaluate.values = {}
         self._results(code, start, written)
         self._unwritten(start, written)
@@ -220,7 +234,22 @@ class Builder(Execution):
         else:
             env: Env = dict(self.triggers)
             self._statement(statement, env)
-            self._results(env, start, written)
+            others = (s for s in (*self.source.equations, *self.source.code) if s is not statement)
+            self._results(self._without_memory(env, others), start, written)
+
+    def _without_memory(self, env: Env, others: Iterable[Statement]) -> Env:
+        """Values without the former ones that nothing needs; `others` are the statements that read them as they are."""
+        read = {n for s in others for n in mentioned(s)} | self._used()  # by integrals and events, too
+        read |= {n for e in self.made.events.values() for text in e.when.values() for n in re.findall(r"\w+", text)}
+        read |= {n for first in (*self.made.initial.values(), *self.made.first.values()) for n in names(first)}
+        kinds = {name: item.kind for name, item in self.made.items.items()}
+        own = [name for name in env if kinds.get(name) == "variable" and name not in self.made.gives and
+               not {name, self.labels.get(name, name)} & {*read, *self.plotted}]
+        found = without_memory(env, own, {n for n, kind in kinds.items() if kind == "parameter"})
+        for name in own:
+            if keeps(env[name], name) and found[name].op == "if" and f.number(0) in found[name].args[1:]:
+                self.said.setdefault(self.labels.get(name, name), []).append("0 where no branch assigns it")
+        return found
 
     def _do(self, statement: Do) -> None:
         if statement.error:
@@ -327,8 +356,8 @@ class Builder(Execution):
 
     # -- results -----------------------------------------------------------------------------------------------------
     def _moves(self, expr: Expr) -> bool:
-        """Whether a value changes between events, other than by the time alone."""
-        if expr.op == "name" and expr.name not in ("time", "pi"):
+        """Whether a value changes between events."""
+        if expr.op == "name" and expr.name != "pi":
             item = self.made.items.get(expr.name)
             return item is None or item.kind not in ("parameter", "held")
         return any(self._moves(e) for e in expr.args)
@@ -336,7 +365,8 @@ class Builder(Execution):
     def _passed(self, expr: Expr) -> Expr:
         """A condition of an event, where equality of what moves is nearness: such values are whole numbers."""
         if expr.op in ("==", "!=") and any(self._moves(e) for e in expr.args):
-            near = Expr("<", (f.call("abs", Expr("-", expr.args)), f.number(0.5)))
+            left, right = expr.args
+            near = Expr("<", (f.call("abs", f.add(left, f.negative(right))), f.number(0.5)))
             return near if expr.op == "==" else Expr("not", (near,))
         return rebuilt(expr, self._passed)
 

@@ -323,6 +323,8 @@ def _fold(expr: Expr, numbers: Mapping[str, float]) -> float | None:
         condition = fold(expr.args[0], numbers)
         return None if condition is None else fold(expr.args[1 if condition else 2], numbers)
     values = [fold(e, numbers) for e in expr.args]
+    if expr.op in ("and", "or") and any(v is not None and bool(v) == (expr.op == "or") for v in values):
+        return float(expr.op == "or")  # one side decides, whatever the other is
     if None in values:
         return None
     if expr.op == "call":

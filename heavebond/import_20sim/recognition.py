@@ -15,7 +15,7 @@ import operator
 import random
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -25,7 +25,9 @@ from heavebond.core.errors import HeavebondError
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.choices import names
 from heavebond.import_20sim.component import Component
+from heavebond.import_20sim.match import Match
 from heavebond.import_20sim.memory import DELAYED
+from heavebond.import_20sim.table_recognition import table_match
 from heavebond.language import definition
 from heavebond.language.library import library
 from heavebond.text import syntax
@@ -37,21 +39,6 @@ TRIALS = 4  # random points at which both must agree
 SAME = 1e-9  # relative size of what counts as zero between matrices whose entries are about 1
 FOR_FILES = {"Record"}  # it passes a column of a file on
 NUMBERS = (1.0, -1.0)  # that a parameter without a counterpart may have, beside its default
-
-
-@dataclass(frozen=True)
-class Match:
-    """A component of the library in place of an imported one: its name, its ports by the imported ones, its parameters (and
-    inputs that are constant) by the imported parameters or as numbers with their units, and its states by its port."""
-
-    name: str
-    ports: dict[str, str]
-    parameters: dict[str, str]
-    numbers: dict[str, float]
-    units: dict[str, str]
-    initial: dict[str, float] = field(default_factory=dict)
-    lists: dict[str, str] = field(default_factory=dict)  # of a table: the names of its inputs `x` and values `v`
-    any_domain: bool = False  # its ports take the domain of what they are joined to
 
 
 # -- equations as matrices -------------------------------------------------------------------------------------------------
@@ -264,7 +251,7 @@ def _unit(text: str) -> str:
 # -- the comparison --------------------------------------------------------------------------------------------------------
 def recognised(made: Component, joined: set[str]) -> Match | None:
     """The component of the library with the law of an imported one, whose ports `joined` are connected."""
-    if (whole := _table(made) or _delay(made) or _junction(made, joined)) is not None:
+    if (whole := table_match(made) or _delay(made) or _junction(made, joined)) is not None:
         return whole
     law = _imported(made, joined)
     if law is None or made.tables or any(not isinstance(e, syntax.Name) for e in law.differentiated):
@@ -282,21 +269,6 @@ def recognised(made: Component, joined: set[str]) -> Match | None:
                     (complete := _with_states(made, law, own, other, match)) is not None:
                 return complete
     return None
-
-
-def _table(made: Component) -> Match | None:
-    """A component that is nothing but a table of its input or of the time."""
-    if len(made.equations) != 1 or len(made.items) > 2 or made.events or made.untranslated or made.gives:
-        return None
-    left, right, _ = made.equations[0]
-    if right.op != "table" or left.op != "name" or made.items[left.name].kind != "out" or right.args[0].op != "name":
-        return None
-    given = right.args[0].name
-    if given == "time" and len(made.items) == 1:
-        return Match("TableSource", {left.name: "y"}, {}, {}, {}, lists={"x": "t", "v": "v"})
-    if given not in made.items or made.items[given].kind != "in":
-        return None
-    return Match("Lookup", {left.name: "y", given: "u"}, {}, {}, {}, lists={"x": "x", "v": "v"})
 
 
 def _junction(made: Component, joined: set[str]) -> Match | None:

@@ -1,0 +1,128 @@
+"""Variables that branches assign and that nothing reads where no branch has: no earlier value of them is ever needed.
+
+In `code`, a variable that no branch assigns keeps its value, and keeping it takes events. A value that is only computed to
+be used in the same branch, as `r` in `if x > 0 then r = x / a; y = r^2; else y = 0; end`, is a plain equation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+
+from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.choices import decided, former, keeps, rebuilt, simplified, triggers
+from heavebond.import_20sim.sidops_tree import Expr
+
+Guards = tuple[tuple[Expr, bool], ...]
+PARTIAL = {"sqrt", "log", "ln", "log10", "asin", "acos", "tan", "arcsin", "arccos"}  # without a value for some arguments
+LARGEST = 20_000  # nodes of all values: walking through more takes too long for what it gains
+SHORT = 3  # nodes of an expression that is not worth the name of a variable
+
+
+def without_memory(values: Mapping[str, Expr], candidates: Collection[str], constants: Collection[str]) -> dict[str, Expr]:
+    """The values of variables after `code`, where those of `candidates` whose former value is not needed do without it and
+    stand by name in the others; `constants` are the names of parameters, by which may be divided. Where a value could not be
+    worked out without its condition, such as a root, it is 0 while no branch assigns it."""
+    found = dict(values)
+    if sum(value.size for value in found.values()) > LARGEST:
+        return found
+    uses: dict[str, list[tuple[Guards, Expr]]] = {}
+    for name in candidates:
+        value = found[name]
+        if not keeps(value, name) or set(former(value)) != {name} or triggers(value):
+            continue
+        whole = simplified(_assigned_only(value, name))
+        always = _total(whole, constants)
+        others = [v for n, v in values.items() if n != name]
+        if not all(_known(value, name, guards) and (always or not former(v))
+                   for v in others for guards in _reads(v, name, ())):
+            continue
+        found[name] = whole if always else simplified(_begun(value, name))
+        uses[name] = [((), whole)] if always else list(_leaves(value, name, ()))
+    for name, leaves in uses.items():
+        for guards, leaf in leaves:
+            for other, value in found.items():
+                # what is kept is evaluated when its branch has ended, where a value by branches is 0
+                if other != name and leaf.size >= SHORT and not keeps(leaf, other) and (not guards or not former(value)):
+                    found[other] = _by_name(value, leaf, f.name(name), guards, ())
+    return found
+
+
+def _reads(expr: Expr, name: str, guards: Guards) -> Iterator[Guards]:
+    """The conditions under which an expression reads a variable."""
+    if expr.op in ("name", "prev") and expr.name == name:
+        yield guards
+    for inner, own in _inner(expr, guards):
+        yield from _reads(inner, name, own)
+
+
+def _inner(expr: Expr, guards: Guards) -> Iterator[tuple[Expr, Guards]]:
+    """The arguments of an expression, with what holds where they count."""
+    if expr.op != "if":
+        yield from ((e, guards) for e in expr.args)
+        return
+    condition, then, otherwise = expr.args
+    yield condition, guards
+    yield then, (*guards, (condition, True))
+    yield otherwise, (*guards, (condition, False))
+
+
+def _known(value: Expr, name: str, guards: Guards) -> bool:
+    """Whether a branch has assigned a variable where these conditions hold."""
+    for condition, holds in guards:
+        value = decided(value, condition, holds)
+    return not keeps(value, name)
+
+
+def _assigned_only(value: Expr, name: str) -> Expr:
+    """A nested choice without the branches that keep the value."""
+    if value.op != "if":
+        return value
+    condition, *branches = value.args
+    left = [_assigned_only(b, name) for b in branches]
+    kept = [keeps(b, name) for b in left]
+    if any(kept):
+        return left[0] if kept[1] else left[1]
+    return left[0] if left[0] == left[1] else Expr("if", (condition, *left), line=value.line)
+
+
+def _begun(value: Expr, name: str) -> Expr:
+    """A value that is 0 where no branch assigns it."""
+    if value.op == "prev" and value.name == name:
+        return f.number(0)
+    return rebuilt(value, lambda e: _begun(e, name)) if value.args else value
+
+
+def _leaves(value: Expr, name: str, guards: Guards) -> Iterator[tuple[Guards, Expr]]:
+    """The largest parts of a nested choice that do not need the former value, with their conditions."""
+    if not keeps(value, name):
+        yield guards, value
+    elif value.op == "if":
+        for inner, own in list(_inner(value, guards))[1:]:
+            yield from _leaves(inner, name, own)
+
+
+def _total(expr: Expr, constants: Collection[str]) -> bool:
+    """Whether an expression has a value wherever its arguments are."""
+    if expr.op == "call" and expr.name in PARTIAL:
+        return False
+    if expr.op == "/" and not _constant(expr.args[1], constants):
+        return False
+    if expr.op == "^" and not (expr.args[1].op == "number" and expr.args[1].value >= 0 and expr.args[1].value.is_integer()):
+        return False
+    return all(_total(e, constants) for e in expr.args)
+
+
+def _constant(expr: Expr, constants: Collection[str]) -> bool:
+    return expr.op not in ("prev", "event") and (expr.op != "name" or expr.name in constants or expr.name == "pi") and \
+        all(_constant(e, constants) for e in expr.args)
+
+
+def _by_name(expr: Expr, old: Expr, new: Expr, needed: Guards, guards: Guards) -> Expr:
+    """An expression with a variable in place of its value, where the conditions of that value hold."""
+    if expr == old and set(needed) <= set(guards):
+        return new
+    if expr.size <= old.size:
+        return expr
+    inner = [_by_name(e, old, new, needed, own) for e, own in _inner(expr, guards)]
+    return Expr(expr.op, tuple(inner), expr.name, expr.value, expr.line, expr.columns)
+

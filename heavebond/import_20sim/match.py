@@ -1,0 +1,20 @@
+"""A component of the library in place of an imported one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Match:
+    """A component of the library in place of an imported one: its name, its ports by the imported ones, its parameters (and
+    inputs that are constant) by the imported parameters or as numbers with their units, and its states by its port."""
+
+    name: str
+    ports: dict[str, str]
+    parameters: dict[str, str]
+    numbers: dict[str, float]
+    units: dict[str, str]
+    initial: dict[str, float] = field(default_factory=dict)
+    lists: dict[str, str] = field(default_factory=dict)  # of a table: the names of its inputs `x` and values `v`
+    any_domain: bool = False  # its ports take the domain of what they are joined to

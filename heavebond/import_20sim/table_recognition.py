@@ -1,0 +1,79 @@
+"""Imported submodels that are tables: of a file, or of a matrix of points in which their statements search."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from heavebond.import_20sim.component import Component
+from heavebond.import_20sim.evaluate import fold
+from heavebond.import_20sim.match import Match
+from heavebond.import_20sim.tables import Table
+
+BETWEEN = (0.0, 0.25, 0.7)  # of an interval: where both must agree
+SAME = 1e-9  # of the range of the values
+
+
+def table_match(made: Component) -> Match | None:
+    """A component that is nothing but a table of its input or of the time."""
+    if made.events or made.untranslated or made.gives or len(made.of_kind("out")) != 1 or len(made.of_kind("in")) > 1 or \
+            made.of_kind("bond", "held") or made.initial:
+        return None
+    if not made.tables:
+        return _of_matrix(made)
+    if len(made.equations) != 1 or len(made.items) > 2:
+        return None
+    left, right, _ = made.equations[0]
+    if right.op != "table" or left.op != "name" or made.items[left.name].kind != "out" or right.args[0].op != "name":
+        return None
+    given = right.args[0].name
+    if given == "time" and len(made.items) == 1:
+        return _match(made, "time")
+    return _match(made, given) if given in made.items and made.items[given].kind == "in" else None
+
+
+def _match(made: Component, given: str) -> Match:
+    output = made.of_kind("out")[0].name
+    if given == "time":
+        return Match("TableSource", {output: "y"}, {}, {}, {}, lists={"x": "t", "v": "v"})
+    return Match("Lookup", {output: "y", given: "u"}, {}, {}, {}, lists={"x": "x", "v": "v"})
+
+
+def _of_matrix(made: Component) -> Match | None:
+    """A component whose only parameters are a matrix of points (x, y) in rows, and whose output is linear between them and
+    constant outside; it gets these points as its table."""
+    values = {item.name: item.value for item in made.of_kind("parameter")}
+    found = {(m[1], int(m[2]), int(m[3])): v for n, v in values.items() if (m := re.fullmatch(r"(.*)_([0-9]+)_([12])", n))
+             and v is not None}
+    rows, bases = len(found) // 2, {base for base, *_ in found}
+    if len(bases) != 1 or rows < 2 or len(found) != len(values):
+        return None
+    (base,) = bases
+    points = [[found.get((base, i + 1, k), np.nan) for i in range(rows)] for k in (1, 2)]
+    x, y = np.array(points)
+    if not np.all(np.diff(x) > 0) or not np.all(np.isfinite(y)):
+        return None
+    known = {name: value for name, value in values.items() if value is not None}
+    given = made.of_kind("in")[0].name if made.of_kind("in") else "time"
+    steps = np.diff(x, append=2 * x[-1] - x[-2])
+    tried = [x[0] - steps[0], *(x[i] + share * steps[i] for i in range(rows) for share in BETWEEN)]
+    near = SAME * (np.ptp(y) or 1.0)
+    if any(not _agrees(made, {**known, given: float(u)}, float(np.interp(u, x, y)), near) for u in tried):
+        return None
+    table: Table = (tuple(points[0]), tuple(points[1]))
+    made.tables = {base: table}
+    return _match(made, given)
+
+
+def _agrees(made: Component, known: Mapping[str, float], expected: float, tolerance: float) -> bool:
+    """Whether the output has a value, as far as it follows from what is known."""
+    at, output = dict(known), made.of_kind("out")[0].name
+    left = [(a.name, b) for a, b, _ in made.equations if a.op == "name"]
+    while output not in at:
+        new = {name: value for name, formula in left if name not in at and (value := fold(formula, at)) is not None}
+        if not new:
+            return False
+        at |= new
+    return abs(at[output] - expected) <= tolerance
