@@ -280,6 +280,36 @@ code
     assert at(run, "z", 1, 4) == pytest.approx([1, 5 * np.pi / 6], abs=1e-5)
 
 
+def test_a_state_machine_of_a_switch(tmp_path: Path) -> None:
+    """A press that fills, empties and waits, with one event for each way out of a state: 2 t to 1, then with -1/2 to 0.4 at 1.7 s."""
+    text = one_part("""parameters
+ real fast = 2, slow = 0.5;
+variables
+ integer state;
+ real rate;
+initialequations
+ state = 1;
+code
+ switch state
+  case 1 do
+   rate = fast;
+   if y > 1 then state = 2; end;
+  case 2 do
+   rate = -slow;
+   if y < 0.4 then state = 3; end;
+  default do
+   rate = 2 * slow;
+ end;
+ mode = state;
+equations
+ y = int (rate, 0);""", "y mode", finish=3)
+    (component,) = (t for name, t in written(tmp_path, text).items() if name.startswith("components/"))
+    assert 'condition: "state == 2 and y < 0.4"' in component and "_kept" not in component
+    run = run_part(tmp_path, text)
+    assert at(run, "y", 0.25, 1, 2) == pytest.approx([0.5, 0.75, 0.7], abs=1e-6)
+    assert at(run, "mode", 0.25, 1, 2) == [1, 2, 3]
+
+
 def test_a_placeholder_gives_what_its_equations_gave(tmp_path: Path) -> None:
     """A store with a law in a DLL behind a source of flow: its effort is a parameter, and the rest of the model runs."""
     parts = (part("Source", "power out p", "equations\n p.f = 1;") + part("Store", "power in p; signal out m", "variables\n"

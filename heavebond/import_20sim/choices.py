@@ -98,7 +98,9 @@ SHARPER = {">=": (">", "=="), "<=": ("<", "=="), "!=": (">", "<")}
 
 
 def _follows(a: Expr, b: Expr) -> bool:
-    """Whether a comparison follows from a sharper one of the same two values."""
+    """Whether a comparison follows from a sharper one of the same two values, or from equality with another number."""
+    if a.op == "!=" and b.op == "==" and a.args[0] == b.args[0] and a.args[1].op == b.args[1].op == "number":
+        return a.args[1].value != b.args[1].value
     return a.args == b.args and b.op in SHARPER.get(a.op, ())
 
 

@@ -13,9 +13,10 @@ from heavebond.import_20sim.block import Block, Part, Translator
 from heavebond.import_20sim.component import Component, Item, without_unit
 from heavebond.import_20sim.emx_file import EmxFile, read_emx
 from heavebond.import_20sim.evaluate import MEMBERS, fold
+from heavebond.import_20sim.match import Match
 from heavebond.import_20sim.memory import SAMPLE_TIME
 from heavebond.import_20sim.names import identifier, labels, snake
-from heavebond.import_20sim.recognition import Match, recognised
+from heavebond.import_20sim.recognition import recognised
 from heavebond.import_20sim.sampling import sampling
 from heavebond.import_20sim.sidops_lexer import tokenise
 from heavebond.import_20sim.sidops_parser import parse_sidops
