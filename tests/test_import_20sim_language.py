@@ -281,7 +281,7 @@ code
 
 
 def test_a_state_machine_of_a_switch(tmp_path: Path) -> None:
-    """A press that fills, empties and waits, with one event for each way out of a state: 2 t to 1, then with -1/2 to 0.4 at 1.7 s."""
+    """A vessel that fills with 2, empties with 1/2 from 1 to 0.4 and fills again: one event for each way out of a state."""
     text = one_part("""parameters
  real fast = 2, slow = 0.5;
 variables
@@ -306,8 +306,8 @@ equations
     (component,) = (t for name, t in written(tmp_path, text).items() if name.startswith("components/"))
     assert 'condition: "state == 2 and y < 0.4"' in component and "_kept" not in component
     run = run_part(tmp_path, text)
-    assert at(run, "y", 0.25, 1, 2) == pytest.approx([0.5, 0.75, 0.7], abs=1e-6)
-    assert at(run, "mode", 0.25, 1, 2) == [1, 2, 3]
+    assert at(run, "y", 0.3, 0.9, 2.4) == pytest.approx([0.6, 0.8, 1.1], abs=1e-6)
+    assert at(run, "mode", 0.3, 0.9, 2.4) == [1, 2, 3]
 
 
 def test_a_placeholder_gives_what_its_equations_gave(tmp_path: Path) -> None:
