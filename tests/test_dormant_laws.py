@@ -22,11 +22,12 @@ LIBRARY = library()
 DORMANT = [(name, p.name) for name in LIBRARY.names() for p in LIBRARY.component(name).parameters.values()
            if p.neutral is not None and any(n.text == p.name for line in LIBRARY.component(name).equations
                                             for side in (line.tree.left, line.tree.right) for n in names(side))]
-POINTS = 12
+POINTS = 100  # a valve is closed or wide open at most of them
+KELVIN = 300.0  # laws of oil and gas hold at such temperatures; all other numbers are of the order of 1
 # the wall of one segment without air yields as oil of a lower bulk modulus does: that of all oil is another value of beta
 ALIKE = {("LineSegment", "expansion"): ["beta"]}
 BESIDE, ABSENT = 1e-6, 1e-4  # all numbers are of the order of 1 here
-SMALL = 1e-9  # of the largest derivative: rounding
+SMALL = 1e-9  # of the largest derivative at a point: rounding
 
 
 def derivatives(component: Component, dormant: str) -> dict[str, np.ndarray]:
@@ -46,8 +47,10 @@ def derivatives(component: Component, dormant: str) -> dict[str, np.ndarray]:
     explicit, rest = {}, []
     for line in component.equations:
         left, right = line.tree.left, line.tree.right
-        own = isinstance(left, Name) and str(evaluate(left, context)) in component.variables
-        if own and not ca.depends_on(evaluate(right, context), evaluate(left, context)) \
+        # what a block calculates acts in its parts
+        explicitly = not component.body.instances and isinstance(left, Name) \
+            and str(evaluate(left, context)) in component.variables
+        if explicitly and not ca.depends_on(evaluate(right, context), evaluate(left, context)) \
                 and str(evaluate(left, context)) not in explicit:
             explicit[str(evaluate(left, context))] = evaluate(right, context)
         else:
@@ -63,9 +66,10 @@ def derivatives(component: Component, dormant: str) -> dict[str, np.ndarray]:
     neutral = component.parameters[dormant].neutral or 0.0
     high = component.parameters[dormant].high
     beside = neutral + BESIDE * (1 if high is None or high > neutral else -1)
-    held = {p.name: random.uniform(0.5, 2.0) if p.neutral is None else p.neutral for p in component.parameters.values()}
+    held = {p.name: random.uniform(0.5, 2.0) * (KELVIN if p.unit.text == "K" else 1) if p.neutral is None else p.neutral
+            for p in component.parameters.values()}
     for _ in range(POINTS):
-        point = {str(s): random.uniform(0.5, 2.0) for s in unknown} | held
+        point = {str(s): random.uniform(0.5, 2.0) * (KELVIN if str(s).endswith(".T") else 1) for s in unknown} | held
         found.append(np.asarray(function([beside if str(s) == dormant else point[str(s)] for s in unknown])))
     block = np.stack(found, axis=-1)
     return {p: block[:, k] for k, p in enumerate(own)}
@@ -74,15 +78,20 @@ def derivatives(component: Component, dormant: str) -> dict[str, np.ndarray]:
 def same_as(component: Component, dormant: str) -> list[str]:
     """The parameters of which a dormant one is another value."""
     moved = derivatives(component, dormant)
-    own = moved[dormant].ravel()
-    assert np.all(np.isfinite(own))
+    finite = np.isfinite(moved[dormant]).all(axis=0)
+    assert np.count_nonzero(finite) > 0.9*POINTS  # the others are states of oil that do not exist
+    acts = finite & np.any(moved[dormant] != 0, axis=0)
+    assert np.count_nonzero(acts) > 2
+    # each point counts alike: one of an exponential law would decide alone otherwise
+    size = np.abs(moved[dormant][:, acts]).max(axis=0)
+    own = (moved[dormant][:, acts]/size).ravel()
     found = []
     for other, column in moved.items():
-        theirs = column.ravel()
+        theirs = (column[:, acts]/size).ravel()
         # one that shapes the dormant law alone does nothing while that is absent
-        if other != dormant and np.all(np.isfinite(theirs)) and np.abs(theirs).max() > ABSENT * np.abs(own).max() > 0:
+        if other != dormant and np.all(np.isfinite(theirs)) and np.abs(theirs).max() > ABSENT:
             ratio = float(own @ theirs) / float(theirs @ theirs)
-            if np.abs(own - ratio * theirs).max() <= SMALL * np.abs(own).max():
+            if np.abs(own - ratio * theirs).max() <= SMALL:
                 found.append(other)
     return found
 

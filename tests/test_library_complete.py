@@ -84,7 +84,29 @@ WANTED = {
     "oil with temperature": "Oil OilVolume OilLine OilCylinder OilOrifice OilReliefValve", "pump that heats": "OilPump",
     "adapter to hydraulic": "HydraulicAdapter",
 }
-EFFECTS = ("Cavitation", "PneumaticSealFriction")  # what may be missing from a diagram without anybody having drawn it
+# Those of the list that carry no effect of their own, and why: what a diagnosis may miss there is a component that attaches
+# to their nodes, or a value that they have already.
+VALUES = "its law is its values, and each of these may be fitted"
+MEASURED = "its map or table is measured and holds its losses"
+ATTACHED = "friction, play, compliance and stops attach to its ports as components"
+IDEAL = "an ideal source, sensor, store of data or block of a controller"
+FIELD = "a general bond-graph element; its matrix is its law"
+NO_EFFECT = {
+    "MappedPump": MEASURED, "TabulatedValve": MEASURED, "Ejector": MEASURED, "OilCooler": MEASURED,
+    "CavitatingVolume": "it is the effect itself, drawn", "HeightDifference": VALUES,
+    "Bend": "another loss would be another angle of the bend", "Tee": VALUES,
+    "GasAccumulatorWithHeat": VALUES, "OilVolume": VALUES, "OilOrifice": VALUES, "SoftStartValve": VALUES,
+    "PressedFriction": "it is the effect itself, drawn", "RigidStop": VALUES, "RotationalRigidStop": VALUES,
+    "Diode": VALUES, "ElectricalSwitch": VALUES, "AveragedInverter": VALUES, "HalfBridge": VALUES,
+    "Cam": ATTACHED, "WormGear": ATTACHED, "PlanarBody": ATTACHED, "RevoluteJoint": ATTACHED, "RigidLink": ATTACHED,
+    "PlanarSpring": VALUES, "PlanarStrut": ATTACHED, "RopeStrand": VALUES, "PlanarCam": VALUES, "PlanarGear": ATTACHED,
+    "PlanarSlider": ATTACHED, "PlanarShaft": ATTACHED,
+    **dict.fromkeys(("ControlledPneumaticSource", "Oil", "HydraulicAdapter", "PlanarSensor", "PlanarVelocitySensor",
+                     "PlanarForceSensor", "DistanceSensor", "SwitchablePID", "NotchFilter", "LeadLag", "KalmanFilter",
+                     "StateMachine", "Sequencer"), IDEAL),
+    **dict.fromkeys(("CField", "IField", "RField", "TFField", "GYField", "MCField", "MIField", "MRField", "MTFField",
+                     "MGYField", "Junction1Field"), FIELD),
+}
 
 
 @pytest.mark.parametrize("item", WANTED)
@@ -97,6 +119,15 @@ def test_what_users_look_for_is_there(item: str) -> None:
         assert name in CHECKED
 
 
-@pytest.mark.parametrize("name", EFFECTS)
-def test_effects_of_the_list_are_candidates(name: str) -> None:
-    assert COMPONENTS[name].effect is not None
+@pytest.mark.parametrize("item", WANTED)
+def test_the_list_has_effects_where_they_apply(item: str) -> None:
+    """An effect that attaches or a dormant parameter, each with a formula of its own by a test, or the reason why none."""
+    importlib.import_module("test_library_checked")
+    for name in WANTED[item].split():
+        component = COMPONENTS[name]
+        own = component.effect is not None or any(p.neutral is not None for p in component.parameters.values())
+        assert own != (name in NO_EFFECT), name
+
+
+def test_reasons_for_no_effect_are_those_of_the_list() -> None:
+    assert set(NO_EFFECT) <= {name for names in WANTED.values() for name in names.split()}

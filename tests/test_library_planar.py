@@ -141,7 +141,7 @@ def test_revolute_joint() -> None:
 def test_prismatic_joint() -> None:
     s, alpha = 0.7, 0.4
     found = part("PrismaticJoint", alpha=alpha)(
-        {"a.x": 1.0, "a.y": 2.0, "a.phi": PHI, "s": s, "N": 3.0, "r.f": 11.0, "b.M": 2.0, "h.x": 0.5})
+        {"a.x": 1.0, "a.y": 2.0, "a.phi": PHI, "s": s, "N": 3.0, "r.f": 11.0, "b.M": 2.0, "h.x": 0.5, "r.v": 0.3, "h.v": 0})
     c, n = np.cos(PHI + alpha), np.sin(PHI + alpha)
     agree(found["b.x"], 1 + s*c)
     agree(found["b.y"], 2 + s*n)
@@ -226,7 +226,7 @@ def test_rope_strand_on_two_wheels_by_triangles() -> None:
 @checks("RollingWheel")
 def test_rolling_wheel_on_a_slope() -> None:
     found = part("RollingWheel", r=0.25, alpha=0.1, s_0=0.5)(
-        {"a.x": 1.0, "a.y": 2.0, "a.phi": 0.3, "b.phi": PHI, "T": 4.0, "N": 10.0})
+        {"a.x": 1.0, "a.y": 2.0, "a.phi": 0.3, "b.phi": PHI, "T": 4.0, "N": 10.0, "a.w": 0, "b.w": 1})
     way = 0.5 - 0.25*(PHI - 0.4)
     agree(found["s"], way)
     agree(found["b.x"], 1 + way*np.cos(0.4) - 0.25*np.sin(0.4))
