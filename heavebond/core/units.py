@@ -30,6 +30,8 @@ Dimension = tuple[tuple[str, Fraction], ...]
 PINT_BASE = {"[length]": "m", "[mass]": "kg", "[time]": "s", "[current]": "A", "[temperature]": "K",
              "[substance]": "mol", "[luminosity]": "cd"}
 ONE: Dimension = ()
+FREQUENCY: Dimension = (("s", Fraction(-1)),)
+ACCELERATION: Dimension = (("m", Fraction(1)), ("s", Fraction(-2)))
 Values = TypeVar("Values", float, "NDArray[np.float64]")
 
 _LETTERS = "A-Za-zµΩ°"
@@ -64,7 +66,7 @@ KNOWN = {
     "ounce", "slug", "force_pound", "pound_force_per_square_inch", "kip", "kip_per_square_inch", "gallon", "quart",
     "pint", "barrel", "horsepower", "metric_horsepower", "kilogram_force", "force_kilogram", "atmosphere",
     "standard_atmosphere", "torr", "millimeter_Hg", "centimeter_H2O", "poise", "stokes", "hectare", "are", "dyne",
-    "erg", "british_thermal_unit", "calorie", "technical_atmosphere"}
+    "erg", "standard_gravity", "british_thermal_unit", "calorie", "technical_atmosphere"}
 ANGLES = {"radian", "degree", "turn", "revolution", "revolutions_per_minute", "revolutions_per_second"}
 _MISSPELT = re.compile(rf"(?<![\w*])(?:{'|'.join(SPELLINGS)})(?![A-Za-z0-9])")
 
@@ -345,14 +347,54 @@ def check_unit(given: Unit | None, wanted: Unit, value: float, text: str) -> Non
         needed = "a number without unit" if wanted.dimension == ONE else wanted.text
         raise UnitProblem("unit-wrong", f"'{text}' is in {given.text}; {needed} is needed",
                           "Write a number without unit, or in %." if wanted.dimension == ONE else
-                          f"Write it in {wanted.text} or in a multiple of it.")
-    if given.counts and wanted.counts and given.counts != wanted.counts:
-        factor = 2 * pi if wanted.counts == "angle" else 1 / (2 * pi)
-        raise UnitProblem("unit-cycles", f"'{text}' is in {given.text}; {wanted.text} is needed",
-                          f"1 Hz is 2*pi rad/s: write '{value * factor:.6g} {wanted.text}'.")
-    if not given.counts and (wanted.counts == "cycles" or (wanted.counts == "angle" and wanted.dimension != ONE)):
-        raise UnitProblem("unit-cycles", f"'{text}' does not say whether it counts cycles or radians",
-                          f"Write it in {wanted.text}.")
+                          other_unit(given, wanted))
+    if (instead := counted_otherwise(given, wanted)) is not None:
+        if given.counts:
+            factor = 2 * pi if wanted.counts == "angle" else 1 / (2 * pi)
+            raise UnitProblem("unit-cycles", f"'{text}' is in {given.text}; {wanted.text} is needed",
+                              f"1 Hz is 2*pi rad/s: write '{value * factor:.6g} {wanted.text}'.")
+        raise UnitProblem("unit-cycles", f"'{text}' does not say whether it counts cycles or radians", instead)
+
+
+def counted_otherwise(given: Unit, wanted: Unit) -> str | None:
+    """What to write where `given` has the dimension of `wanted` but counts otherwise (cycles for radians), or does not
+    say what it counts: 1/min of a speed would be read as radians per minute, where revolutions are meant. None where they
+    agree."""
+    if wanted.counts in ("", given.counts) or (not given.counts and wanted.dimension == ONE):
+        return None
+    if wanted.counts == "angle" and (turns := as_meant(given, wanted)) is not given:
+        return f"Write `{turns.text}` for revolutions, {wanted.text} for radians."
+    return f"Write it in {wanted.text}."
+
+
+def as_meant(given: Unit, wanted: Unit) -> Unit:
+    """The unit for which the text of a logger or data sheet stands where `wanted` is measured: 1/min of a shaft are
+    revolutions, g of an acceleration is that of gravity. `given` itself where it is what it says."""
+    if wanted.dimension == ACCELERATION and given.text == "g":
+        return unit("g_n")
+    if wanted.dimension == FREQUENCY == given.dimension and wanted.counts == "angle" != given.counts:
+        turns = {f"{1 / 60:.12g}": "rpm", "1": "rps"}.get(f"{given.scale:.12g}")
+        return unit(turns) if turns is not None else given
+    return given
+
+
+def other_unit(given: Unit, wanted: Unit) -> str:
+    """What to write in place of a unit of another dimension."""
+    if (meant := as_meant(given, wanted)) is not given:
+        return f"{given.text} is the gram; write `{meant.text}` for the acceleration of gravity, 9.80665 m/s**2."
+    return f"Write it in {wanted.text} or in a multiple of it."
+
+
+def check_turns(given: str, wanted: Unit, subject: str) -> None:
+    """Raise UnitProblem where `subject`, a speed of rotation or a frequency, is given in a unit that counts otherwise:
+    1/min or Hz of a shaft would be taken for radians, and be wrong by 2*pi. 1/s, the SI's own, may stand for either."""
+    read = read_unit(given)
+    if read.dimension != wanted.dimension or wanted.dimension != FREQUENCY or (not read.counts and read.scale == 1):
+        return
+    if (instead := counted_otherwise(read, wanted)) is not None:
+        raise UnitProblem("unit-cycles", f"{subject} is in {wanted.text}; {given} does not count radians"
+                          if wanted.counts == "angle" else f"{subject} is in {wanted.text}; {given} does not count cycles",
+                          instead)
 
 
 @lru_cache(maxsize=4096)

@@ -9,7 +9,17 @@ from enum import Enum
 import casadi as ca
 
 from heavebond.core.errors import ModelError, Place, Problems
-from heavebond.core.units import DIMENSIONLESS, ONE, Unit, declared_unit, dimension_text, read_unit
+from heavebond.core.units import (
+    DIMENSIONLESS,
+    ONE,
+    Unit,
+    UnitProblem,
+    check_turns,
+    declared_unit,
+    dimension_text,
+    other_unit,
+    read_unit,
+)
 from heavebond.equations.connect import Network, connect, drivers
 from heavebond.equations.events import FlatEvent, Held, held_bounds, leaf_events, with_held
 from heavebond.equations.expand import expand
@@ -354,7 +364,11 @@ class _Builder:
         if read_unit(given.unit).dimension != unit.dimension:
             self.problems.add("unit-wrong", f"{path} is in {unit.text}; the column '{given.column}' cannot be in "
                               f"{given.unit}", given.place, hint="Write the unit of the numbers in the file, or take "
-                              "another column.")
+                              f"another column. {other_unit(read_unit(given.unit), unit)}")
+        try:
+            check_turns(given.unit, unit, path)
+        except UnitProblem as problem:
+            self.problems.add(problem.code, problem.message, given.place, hint=problem.hint)
         symbols = stack([ca.SX.sym("d" * k + "measured " + name) for k in range(4)])
         known = KnownInput(path, given, unit, symbols)
         self.inputs.append(known)

@@ -6,7 +6,7 @@ from collections.abc import Container, Iterable, Mapping
 from typing import Protocol
 
 from heavebond.core.errors import Problems, listing, suggest
-from heavebond.core.units import ONE, Dimension, Unit, dimension_text, read_unit
+from heavebond.core.units import ONE, Dimension, Unit, UnitProblem, check_turns, dimension_text, read_unit
 from heavebond.language import reading
 from heavebond.language.model import Model
 from heavebond.language.sections import Condition, NamedOutput
@@ -24,6 +24,9 @@ class Resolver(Protocol):
 
     def dimension(self, expr: Expr, scope: str = "") -> Dimension | None:
         """The dimension of a formula; ExpressionProblem for an unknown name and where units disagree."""
+
+    def unit(self, expr: Expr) -> Unit | None:
+        """The SI unit of a formula; ExpressionProblem as of `dimension`."""
 
 
 def check_asked(model: Model, resolver: Resolver, parameters: Iterable[str], held: Container[str], problems: Problems
@@ -55,6 +58,12 @@ def _shown(shown: NamedOutput, resolver: Resolver, problems: Problems) -> None:
         unit = dimension_text(found)
         problems.add("unit-wrong", f"output '{shown.name}' is in {unit}; it cannot be shown in {shown.unit}",
                      shown.place, hint=f"Write `unit: {unit}`, or a multiple of it.")
+        return
+    if found is not None and (own := resolver.unit(shown.expr)) is not None:
+        try:
+            check_turns(shown.unit, own, f"output '{shown.name}'")
+        except UnitProblem as problem:
+            problems.add(problem.code, problem.message, shown.place, hint=problem.hint)
 
 
 def _condition(condition: Condition, resolver: Resolver, held: Container[str], problems: Problems) -> None:

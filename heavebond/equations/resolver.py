@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.errors import NAMES_LISTED, Place, suggest
-from heavebond.core.units import ONE, Dimension, Unit, declared_unit
+from heavebond.core.units import FREQUENCY, ONE, Dimension, Unit, declared_unit, dimension_text
 from heavebond.language.definition import Domain
 from heavebond.language.symbols import Context, evaluate, stack
-from heavebond.text.dimensions import SECOND, dimension
+from heavebond.text.dimensions import SECOND, counted, dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name, Slice, constant, names
 from heavebond.text.shapes import Lengths, Shape
 
@@ -152,6 +152,19 @@ class Resolver:
         more = extra or {}
         self._check_lengths(expr, scope)
         return dimension(expr, lambda name: more[name.text] if name.text in more else self._dimension(scope, name))
+
+    def unit(self, expr: Expr) -> Unit | None:
+        """The SI unit of a formula, and what it counts as far as that is known (`counted`); None where any unit fits."""
+        found = self.dimension(expr)
+        if found is None:
+            return None
+        counts = counted(expr, lambda name: unit.counts if (unit := self._declared(name.text)) is not None else "")
+        turns = {"angle": "rad/s", "cycles": "Hz"} if found == FREQUENCY else {}
+        text = turns.get(counts) or dimension_text(found)
+        return Unit(text, 1.0, 0.0, found, counts)
+
+    def _declared(self, path: str) -> Unit | None:
+        return self.unknowns[self.names[path]].unit if path in self.names else self.units.get(path)
 
     def _value(self, scope: str, text: str, name: Name) -> ca.SX:
         if text == "time":

@@ -27,7 +27,7 @@ from heavebond.core.errors import (
 )
 from heavebond.core.presentation import brief, count, number, readable_time
 from heavebond.core.reporting import place, reporting
-from heavebond.core.units import Unit, dimension_text, read_unit
+from heavebond.core.units import Unit, UnitProblem, check_turns, other_unit, read_unit
 from heavebond.estimation.change import quoted
 from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.constant_bias import all_advice
@@ -380,14 +380,21 @@ def driven_by(assembly: Assembly, experiment: Experiment, own: Record, other: Re
 
 def _check_output(assembly: Assembly, name: str, output: Output, problems: Problems) -> None:
     try:
-        found = assembly.resolver().dimension(output.shown.expr)
+        found = assembly.resolver().unit(output.shown.expr)
         assembly.expression(output.shown.expr)
     except ExpressionProblem as problem:
         reading.add_expression_problem(problem, output.shown.place, problems)
         return
-    if found is not None and found != read_unit(output.shown.unit).dimension:
-        problems.add("unit-wrong", f"output '{name}' is in {dimension_text(found)}, its column in "
-                     f"{output.shown.unit}", output.place)
+    if found is None:
+        return
+    if found.dimension != read_unit(output.shown.unit).dimension:
+        problems.add("unit-wrong", f"output '{name}' is in {found.text}, its column in {output.shown.unit}", output.place,
+                     hint=other_unit(read_unit(output.shown.unit), found))
+        return
+    try:
+        check_turns(output.shown.unit, found, f"output '{name}'")
+    except UnitProblem as problem:
+        problems.add(problem.code, problem.message, output.place, hint=problem.hint)
 
 
 def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) -> None:
@@ -406,6 +413,11 @@ def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) 
         if unit.dimension != free.range.unit.dimension:
             problems.add("unit-wrong", f"the range of {name} is in {free.range.unit.text}; {unit.text} is needed", place,
                          hint=f"Write it in {unit.text} or in a multiple of it.")
+            continue
+        try:
+            check_turns(free.range.unit.text, unit, name)
+        except UnitProblem as problem:
+            problems.add(problem.code, problem.message, place, hint=problem.hint)
 
 
 def _channel(name: str, found: Samples, simulated: Array, counts: Mask, astray: Mask, late: TimeDelay | None) -> Channel:

@@ -16,7 +16,7 @@ import numpy as np
 
 from heavebond.core.errors import DataError, HeavebondError, Problem
 from heavebond.core.presentation import number
-from heavebond.core.units import Unit, UnitProblem, dimension_text, read_unit
+from heavebond.core.units import Unit, UnitProblem, as_meant, dimension_text, read_unit
 from heavebond.equations.parameters import declared
 from heavebond.estimation.change import block, quoted
 from heavebond.estimation.diagram_files import extended_from
@@ -114,7 +114,8 @@ def _column(table: Table, name: str, unit: tuple[str, Unit, bool] | None, role: 
     between = "" if target is None or role != "input" else "hold" if _in_steps(finite) else \
         "spline" if dimension_text(target.unit.dimension) in SMOOTH else "linear"
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (np.nan, np.nan)
-    return Column(name, unit[1].text if unit is not None else usual, unit is not None, role,
+    text = usual if unit is None else unit[1].text if target is None else as_meant(unit[1], target.unit).text
+    return Column(name, text, unit is not None, role,
                   target.name if target is not None else "", between, low, high, len(finite), _sketch(values))
 
 
@@ -191,7 +192,7 @@ def _matched(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] 
     unit leaves no choice."""
     def fits(column: str, target: _Target) -> bool:
         given = units[column]
-        return given is None or given[1].dimension == target.unit.dimension
+        return given is None or as_meant(given[1], target.unit).dimension == target.unit.dimension
 
     pairs = [(target.driving, score, -k, column, target) for column in columns for k, target in enumerate(targets)
              if fits(column, target) and (score := _likeness(column, units[column], target)) > 0]
@@ -223,7 +224,7 @@ def _by_place(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool]
         if given is None or not (place := _words(_bare(column, given)) - QUANTITIES):
             continue
         fit = [t for t, words in places.items()
-               if t.unit.dimension == given[1].dimension and place <= words and t not in found.values()]
+               if t.unit.dimension == as_meant(given[1], t.unit).dimension and place <= words and t not in found.values()]
         least = min((len(places[t]) for t in fit), default=0)
         shortest = [t for t in fit if len(places[t]) == least]
         if len(shortest) == 1:

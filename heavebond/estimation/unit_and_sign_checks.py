@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.presentation import number
-from heavebond.core.units import Unit, read_unit
+from heavebond.core.units import Unit, as_meant, read_unit
 from heavebond.records.measurements import Table
 
 Array = NDArray[np.float64]
@@ -75,6 +75,7 @@ def declared_otherwise(table: Table, column: str, unit: str) -> str | None:
         return None
     text, said, sure = found
     given = read_unit(unit)
+    said = as_meant(said, given)
     same_kind = said.dimension == given.dimension
     if same_kind and math.isclose(said.scale, given.scale, rel_tol=1e-6) and said.offset == given.offset:
         return None

@@ -77,6 +77,20 @@ def number_dimension(expr: Expr, lookup: Lookup) -> Dimension | None:
     return found
 
 
+def counted(expr: Expr, counts: Callable[[Name], str]) -> str:
+    """What a quantity counts (`angle`, `cycles` or nothing): a name, its absolute value, its negative, and sums and
+    differences count as the name does. Of products nothing is known, as they may convert: w/(2*pi)."""
+    if isinstance(expr, Name):
+        return counts(expr)
+    if isinstance(expr, Negative):
+        return counted(expr.operand, counts)
+    if isinstance(expr, Call) and expr.function == "abs":
+        return counted(expr.args[0], counts)
+    if isinstance(expr, Binary) and expr.op in "+-":
+        return counted(expr.left, counts) or counted(expr.right, counts)
+    return ""
+
+
 def _binary(expr: Binary, lookup: Lookup) -> Dimension | None:
     if expr.op == "**":
         return _power(expr, lookup)
