@@ -298,7 +298,7 @@ def test_library_shows_equations_as_they_are_written(folder: Path) -> None:
 
 
 def test_library_finds_components_by_the_words_of_their_summaries() -> None:
-    found = figures("library", "check valve")["components"]
+    found = figures("library", "check", "valve")["components"]
     assert "CheckValve" in found["hydraulic"] and "PneumaticCheckValve" in found["pneumatic"]
     assert all("valve" in summary.lower() for part in found.values() for summary in part.values())
     assert "Spring" in figures("library", "spring")["components"]["translational"]  # a name in small letters

@@ -122,3 +122,5 @@ def test_feedback_is_told_and_nothing_else() -> None:
     assert at_once is not None and at_once.lag == 0 and at_once.correlation < -0.3
     through = np.convolve(free, [1.0, 0.5, 0.4], "full")[:n]
     assert feedback(free, 0.3 * through + 0.2 * noise, through) is None  # direct transmission, 30 % too small in the model
+    for gain in (-1, 9.55):  # a sensor of other sign, or in another unit
+        assert feedback(free, gain * through + 0.2 * noise - through, through) is None

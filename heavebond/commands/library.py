@@ -20,22 +20,23 @@ OWN = "this folder"
 
 
 @click.command(short_help="List the components and functions, or describe one.")
-@click.argument("name", required=False)
+@click.argument("words", metavar="[NAME]", nargs=-1)
 @click.option("--pages", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Write a page (Markdown, SVG) about each component and function of the library into FOLDER.")
 @json_option
-def library(name: str | None, pages: Path | None) -> dict[str, object]:
+def library(words: tuple[str, ...], pages: Path | None) -> dict[str, object]:
     """List the components by domain, those of the current folder first, and the functions.
 
-    With NAME describe one; any other word (rope, "check valve") lists those with it in their name or summary.
+    With NAME describe one; other words (rope, check valve) list those with all of them in their name or summary.
     """
     from heavebond.language.library import library as load_library
 
     if pages is not None:
         return _pages(pages)
     known = load_library([Path.cwd()])
-    if name is None:
+    if not words:
         return _list(known)
+    name = " ".join(words)
     if name in known.functions and name not in known.files:
         return _show_function(known.functions[name])
     if name not in known.files:

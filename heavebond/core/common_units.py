@@ -15,7 +15,7 @@ _SYMBOLS: dict[str, tuple[Fraction, tuple[int, ...], str, str]] = {
     "A": (Fraction(1), (0, 0, 0, 1), "m", ""), "K": (Fraction(1), (0, 0, 0, 0, 1), "", ""),
     "g": (Fraction(1, 1000), (0, 1), "", ""), "t": (Fraction(1000), (0, 1), "", ""),
     "min": (Fraction(60), (0, 0, 1), "", ""), "h": (Fraction(3600), (0, 0, 1), "", ""),
-    "N": (Fraction(1), (1, 1, -2), "kMG", ""), "Pa": (Fraction(1), (-1, 1, -2), "kMG", ""),
+    "N": (Fraction(1), (1, 1, -2), "mkMG", ""), "Pa": (Fraction(1), (-1, 1, -2), "kMG", ""),
     "bar": (Fraction(10**5), (-1, 1, -2), "m", ""), "L": (Fraction(1, 1000), (3,), "m", ""),
     "J": (Fraction(1), (2, 1, -2), "kM", ""), "W": (Fraction(1), (2, 1, -3), "kM", ""),
     "V": (Fraction(1), (2, 1, -3, -1), "mk", ""), "ohm": (Fraction(1), (2, 1, -3, -2), "mk", ""),

@@ -188,9 +188,31 @@ def _looked_up(text: str) -> Unit:
 def _unit_hint(text: str) -> str:
     if _MISSPELT.search(text):
         return f"Did you mean '{_MISSPELT.sub(lambda found: SPELLINGS[found.group()], text)}'?"
+    if product := _as_product(text):
+        return f"Did you mean '{product}'?"
     if near := suggest(text, COMMON):
         return near
     return "Units are written as N, kN/m, kN*s/m, bar, L/min, m**3/s, mm/s, Hz, rad/s, degC, %, 1."
+
+
+def _as_product(text: str) -> str:
+    """A unit of common factors without signs between them, as `mNm` or `kgm2`, with the signs; empty where it is none. Of
+    several readings the one of fewest factors, the longer first."""
+    factors = [part if part in "*/" else _with_signs(part) for part in re.split(r"((?<!\*)[*/](?!\*))", text)]
+    product = "".join(factors) if all(factors) else ""
+    return product if product != text and common_unit(product) is not None else ""
+
+
+def _with_signs(text: str) -> str:
+    found = re.fullmatch(r"([A-Za-z]{1,6})(?:\*\*)?(-?[1-9]?)", text)
+    if found is None:
+        return ""
+    word, power = found.group(1), f"**{found.group(2)}" if found.group(2) else ""
+    ends = range(len(word), 0, -1)
+    splits = [[p for p in (word[:i], word[i:j], word[j:]) if p] for j in ends for i in ends if i <= j]
+    known = [pieces for pieces in splits if all(common_unit(p) is not None for p in pieces)]
+    fewest: list[str] = min(known, key=len, default=[])
+    return "*".join(fewest) + power if fewest else ""
 
 
 def dimension_text(dimension: Dimension) -> str:
@@ -316,6 +338,9 @@ def parse_range(text: str) -> Range:
     number, number_unit, width, width_unit = found.groups()
     own = read_unit(number_unit or ("1" if width_unit in (None, "%") else width_unit))
     value = own.to_si(_number(number, text))
+    if width_unit == "%" and own.offset:
+        raise UnitProblem("range-relative", f"a share of '{number} {own.text}' depends on the zero of the scale",
+                          f"Write a width: `{number} {own.text} +- 5 K`.")
     if width_unit == "%":
         half = abs(value) * _number(width, text) / 100
     else:

@@ -14,6 +14,7 @@ from heavebond.core.units import (
     ONE,
     Unit,
     UnitProblem,
+    as_meant,
     check_turns,
     declared_unit,
     dimension_text,
@@ -361,10 +362,11 @@ class _Builder:
 
     def _known_input(self, name: str, path: str, given: FileInput) -> KnownInput:
         unit = self.unknowns[self.names[path]].unit
-        if read_unit(given.unit).dimension != unit.dimension:
+        if (read := read_unit(given.unit)).dimension != unit.dimension:
+            meant = as_meant(read, unit) is not read
             self.problems.add("unit-wrong", f"{path} is in {unit.text}; the column '{given.column}' cannot be in "
-                              f"{given.unit}", given.place, hint="Write the unit of the numbers in the file, or take "
-                              f"another column. {other_unit(read_unit(given.unit), unit)}")
+                              f"{given.unit}", given.place, hint=other_unit(read, unit) if meant else
+                              "Write the unit of the numbers in the file, or take another column.")
         try:
             check_turns(given.unit, unit, path)
         except UnitProblem as problem:

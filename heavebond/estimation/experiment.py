@@ -202,8 +202,8 @@ def experiment_from_source(source: Source, chain: tuple[Path, ...] = ()) -> Expe
     root = source.root
     if "experiment" not in root.items:
         kind = next((k for k in ("model", "component", "function", "study") if k in root.items), None)
-        hint = "This file describes a diagram; `heavebond run` runs it. An experiment says which records lie beside it: " \
-            "`heavebond new FOLDER` makes one to begin with." if kind == "model" else \
+        hint = "This file describes a diagram; `heavebond run` runs it. An experiment compares it with records: " \
+            f"`heavebond new NAME.yaml --from {source.name} RECORD.csv` proposes one." if kind == "model" else \
             f"This file describes a {kind}." if kind else \
             suggest("experiment", root.items) or "An experiment begins with `experiment: name`."
         raise ModelError([Problem("not-an-experiment", f"{source.name} is no experiment: it has no `experiment:`",

@@ -13,6 +13,7 @@ is standard normal without feedback, whatever the model lacks: w(t-k) is then ne
 with prewhitening: L. D. Haugh, 1976, doi:10.1080/01621459.1976.10480353; robust to a few large steps). A controller that
 computes u(t) from the reading at t shows at k = 0, with w what the past alone does not predict. So does an error of the
 model's direct transmission from u(t); it is feedback where w follows v by more than all of the model's own transmission.
+What the residual has in proportion to the model is taken out before: a sensor of other sign, unit or gain is no feedback.
 """
 
 from __future__ import annotations
@@ -74,7 +75,8 @@ def feedback(u: Array, e: Array, model: Array) -> Feedback | None:
     u, e, model = u[:SAMPLES], e[:SAMPLES], model[:SAMPLES]
     if len(u) < SHORTEST or not np.ptp(u) or not np.ptp(e):
         return None
-    own, past = _past(u), _past(e)
+    own, e = _past(u), _without(e, model)
+    past = _past(e)
     v = _innovations(u[ORDER:], own)
     now = _innovations(e[ORDER:], np.hstack([past, own]))
     w = _innovations(e[ORDER:], np.hstack([past, own, u[ORDER:, None]]))
@@ -93,6 +95,13 @@ def feedback(u: Array, e: Array, model: Array) -> Feedback | None:
                 LEAST, abs(best.correlation) if best is not None else 0.0):
             best = found
     return best
+
+
+def _without(e: Array, model: Array) -> Array:
+    """A residual e (n,) without its part in proportion to the course of the model (n,)."""
+    course = model - model.mean()
+    power = float(course @ course)
+    return e - float(e @ course) / power * course if power > 0 else e
 
 
 def _past(x: Array) -> Array:

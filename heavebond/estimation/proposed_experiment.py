@@ -16,7 +16,7 @@ import numpy as np
 
 from heavebond.core.errors import DataError, HeavebondError, Problem
 from heavebond.core.presentation import number
-from heavebond.core.units import Unit, UnitProblem, as_meant, dimension_text, read_unit
+from heavebond.core.units import Unit, UnitProblem, as_meant, dimension_text, parse_quantity, read_unit
 from heavebond.equations.parameters import declared
 from heavebond.estimation.change import block, quoted
 from heavebond.estimation.diagram_files import extended_from
@@ -336,5 +336,9 @@ def _free_name(text: str, taken: Mapping[str, str]) -> str:
 
 
 def range_around(text: str, percent: float) -> str:
-    """The range of a free parameter around the value that the diagram gives it: `4 kN/m +- 20 %`."""
+    """The range of a free parameter around the value that the diagram gives it: `4 kN/m +- 20 %`. Of a temperature
+    in degC a share means nothing: `22 degC +- 5 K`."""
+    _, unit = parse_quantity(text)
+    if unit is not None and unit.offset:
+        return f"{text} +- 5 K"
     return f"{text} +- {number(percent)} %"

@@ -187,7 +187,9 @@ def find(name: str | Path, head: str = "model") -> Path:
                 return candidate
     if path.is_file():
         raise UsageError([Problem("file-suffix", f"'{name}' is no {head}: that is a YAML file", None,
-                                  f"Give the {head}, whose name ends in .yaml.")])
+                                  f"Give the {head}, whose name ends in .yaml." + (
+                                      f" `heavebond new NAME.yaml --from DIAGRAM.yaml {name}` proposes one for this record."
+                                      if head == "experiment" else ""))])
     known = [m.parent.name if m.stem == m.parent.name else f"{m.parent.name}/{m.stem}"
              for m in sorted(bundled("models").glob("*/*.yaml"))]
     if head == "study":
@@ -255,7 +257,9 @@ def _other_kind(source: Source) -> tuple[str, str]:
                 return said, f"A diagram uses it under `components:`, as in `part: {{is: {head.text}, ...}}`."
             if kind == "function":
                 return said, f"Equations call it: `{head.text}(...)`."
-            return said, f"Its diagram is {diagram.text}." if isinstance(diagram, Scalar) else "Give its diagram."
+            use = f" `heavebond compare {source.name}` compares it with its records." if kind == "experiment" else \
+                f" `heavebond study {source.name}` runs it."
+            return said, (f"Its diagram is {diagram.text}." if isinstance(diagram, Scalar) else "Give its diagram.") + use
     return f"{source.name} is no diagram", suggest("model", items) or "A diagram begins with `model: name`."
 
 

@@ -292,9 +292,9 @@ def _pressures(assembly: Assembly) -> set[str]:
 
 
 def _solve_open(equations: StartEquations, names: list[str]) -> Problem:
-    parameter = equations.assembly.flat.parameters[equations.assembly.parameter_names.index(names[0])]
+    place = equations.assembly.model.initial.solve[names[0]]
     steady = "" if equations.steady else "`start: steady`, or "
-    return Problem("solve-undetermined", f"no equation determines {listing(names)} under `solve:`", parameter.place,
+    return Problem("solve-undetermined", f"no equation determines {listing(names)} under `solve:`", place,
                    f"Each parameter that is solved for needs one condition more under `initial:`: {steady}a value of a "
                    "variable that it brings about.\nOr take it out of `solve:`.")
 

@@ -297,6 +297,10 @@ class _Builder:
             self.problems.add("not-yaml", f"a `:` is missing behind '{word}'", bare,
                               hint=f"Write `{word}: {bare.text.strip()[len(word):].strip()}`.")
             return
+        if "while parsing a flow" in said and (bracketed := self._bracketed(where)) is not None:
+            self.problems.add("not-yaml", "a text that holds a bracket must stand in quotes here", where,
+                              hint=f'Write "{bracketed}".')
+            return
         for words, message, hint, opened in SYNTAX:
             if words in said:
                 place = self.place(error.context_mark) if opened and error.context_mark else where
@@ -306,6 +310,13 @@ class _Builder:
                 return
         self.problems.add("not-yaml", f"this is not YAML: {said}", where, hint="A value that holds `: `, `#`, `,`, "
                           "brackets or begins with a special sign is put in quotes.")
+
+    def _bracketed(self, where: Place) -> str | None:
+        """The bare text of an entry whose bracket ends it for YAML, as in `{column: Force [N], unit: N}`."""
+        before, after = where.text[:where.column - 1], where.text[where.column - 1:]
+        head = re.search(r"[:,{[]\s*([^\s:,{}\[\]\"'][^:,{}\[\]\"']*)$", before)
+        tail = re.match(r"\[[^\[\]{},]*\][^\[\]{},]*", after)
+        return (head.group(1) + tail.group()).strip() if head and tail else None
 
     def _without_colon(self, where: Place) -> Place | None:
         """The line, or the one before it, whose first word should be a key: `load {is: Mass}`, `model rig`."""
