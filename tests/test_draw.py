@@ -407,3 +407,38 @@ def test_a_part_is_turned_as_its_place_says(turn: int) -> None:
     assert damper.shape.turn[:2] == {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}[turn]
     with pytest.raises(HeavebondError, match="is not turned by 45 degrees"):
         hb.loads(text.replace("at: [2, 1]", "at: [2, 1, 45]"))
+
+
+def test_the_names_in_a_box_do_not_meet() -> None:
+    """Names of ports at all four sides, those at the corners too, and the name of the part between them."""
+    sides = {"left": ["pitch", "roll"], "right": ["batteryVoltage", "currentDraw", "throttle"], "bottom": ["supply"],
+             "top": ["thrust_forward", "thrust_sideways", "thrust_upwards"]}
+    boxes = {}
+    for mark in pictograms.box("Quadcopter", "ThrottleEquation", sides).marks:
+        if mark.tag == "text":
+            given = dict(mark.attributes)
+            style = NAME if given["data-style"] == "name" else pictograms.PORT
+            width, x, y = text_width(mark.text, style), float(given["x"]), float(given["y"])
+            left = x - width * {"start": 0, "end": 1}.get(given.get("text-anchor", "middle"), 0.5)
+            boxes[mark.text] = Box(left, y - style.size, left + width, y)
+    assert len(boxes) == 9 + 2
+    assert not [(a, b) for a in boxes for b in boxes if a < b and boxes[a].meets(boxes[b])]
+
+
+def test_a_node_named_after_a_port_is_not_named_across_something_else(tmp_path: Path) -> None:
+    """Two boxes close to each other: what the wires between them are called stands at their ends already."""
+    names = [f"measured_position_{k}" for k in range(6)]
+    for kind, way in (("Sender", "out"), ("Taker", "in")):
+        ports = "".join(f"  {n}: {{signal: {way}, unit: 1}}\n" for n in names)
+        law = "".join(f"  {n} = time\n" for n in names) if way == "out" else ""
+        total = f"variables:\n  s: {{unit: 1}}\nequations: |\n  s = {' + '.join(names)}\n"
+        inner = f"equations: |\n{law}" if law else total
+        (tmp_path / f"{kind.lower()}.yaml").write_text(
+            f"component: {kind}\nsummary: A box.\nunits: unchecked\nports:\n{ports}{inner}")
+    nodes = "".join(f"  sender_{n}: [sender.{n}, taker.{n}]\n" for n in names)
+    model = hb.loads("model: close\nsummary: Two boxes.\ncomponents:\n  sender: {is: Sender, at: [0, 0]}\n"
+                     f"  taker: {{is: Taker, at: [0, 1]}}\nnodes:\n{nodes}", tmp_path)
+    drawn = laid_out(model)
+    named = [line.caption.box for line in drawn.lines if line.caption is not None]
+    solid = [item.extent for item in drawn.items]
+    assert not [box for box in named if any(box.meets(other) for other in solid)]

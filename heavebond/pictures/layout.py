@@ -311,6 +311,8 @@ class _Drafter:
         for net, wire, terminals in zip(self.sheet.nets, wires, nets, strict=True):
             text = self._net_text(net)
             found = name_of_node(text, wire, taken, pieces, area) if text else None
+            if found is not None and found[1] and net.name in {f"{part}_{port}" for part, port in net.ends}:
+                found = None  # it says no more than the names of its part and port, and would lie over something
             if found is not None:
                 taken.append(found[0].box)
                 faults += found[1]

@@ -183,11 +183,13 @@ def box(name: str, kind: str, sides: Mapping[str, Sequence[str]]) -> Shape:
     labels = {side: max((text_width(_shown(p), PORT) for p in ports), default=0.0) for side, ports in sides.items()}
     width, height = size(words)
     upper, lower = (14 if sides.get(side) else 4 for side in ("top", "bottom"))
-    across = max(len(sides.get("top", ())) * max(40.0, labels.get("top", 0) + 10),
-                 len(sides.get("bottom", ())) * max(40.0, labels.get("bottom", 0) + 10))
+    across = max(len(sides.get(side, ())) * max(4 * GRID, -(-(labels.get(side, 0) + 10) // (2 * GRID)) * 2 * GRID)
+                 for side in ("top", "bottom"))  # as `_spread` places them
     whole_x = rounded_up(max(60.0, width + 16 + 2 * max(labels.get("left", 0), labels.get("right", 0)), across))
     rows = max(len(sides.get("left", ())), len(sides.get("right", ())))
-    whole_y = rounded_up(max(40.0, height + 2 * max(upper, lower) + 4, rows * 2 * GRID))
+    # the names of ports at the top and the bottom stand above and below those at the sides
+    beside = rows * 2 * GRID + 2 * max(upper, lower) - 8 if rows else 0
+    whole_y = rounded_up(max(40.0, height + 2 * max(upper, lower) + 4, beside))
     half_x, half_y = whole_x // 2, whole_y // 2
     anchors: list[Anchor] = []
     marks = [Mark("rect", (("x", str(-half_x)), ("y", str(-half_y)), ("width", str(whole_x)), ("height", str(whole_y)),
