@@ -67,8 +67,9 @@ def test_blocks_are_as_long_as_the_losses_are_correlated() -> None:
     stretch = np.zeros(4000, dtype=np.int64)
     lengths = [np.median([block_length(autocorrelated(random, 4000, phi), stretch)[0] for _ in range(10)])
                for phi in (0.0, 0.5, 0.9)]
-    # the optimum for an autoregression: ((2 phi/(1 - phi**2))**2 n)**(1/3), 0, 19 and 71 here
-    assert lengths[0] < 5 and lengths[1] == pytest.approx(19, rel=0.4) and lengths[2] == pytest.approx(71, rel=0.4)
+    # the optimum for an autoregression: ((2 phi/(1 - phi**2))**2 n)**(1/3), 0, 19 and 71 here; single estimates scatter by
+    # 9 % and 46 %, their medians of ten by 4 % and 18 %
+    assert lengths[0] < 2.5 and lengths[1] == pytest.approx(19, rel=0.12) and lengths[2] == pytest.approx(71, rel=0.36)
 
 
 def test_blocks_stay_inside_their_stretch() -> None:

@@ -151,7 +151,9 @@ CIRCUITS = [name for name in VARIANTS if name.startswith("circuits/")]
 @pytest.mark.parametrize("name", [pytest.param(
     name, marks=[pytest.mark.slow] if name in CIRCUITS and CIRCUITS.index(name) % 8 else []) for name in VARIANTS])
 def test_every_variant_is_drawn(name: str) -> None:
-    ElementTree.fromstring(hb.draw(hb.load(name)))
+    model = hb.load(name)
+    drawn = {text for element in ElementTree.fromstring(hb.draw(model)).iter() for text in (element.text or "").split()}
+    assert set(model.body.instances) <= drawn
 
 
 def test_all_lies_on_the_page() -> None:

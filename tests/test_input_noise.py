@@ -68,15 +68,16 @@ def test_the_noise_of_an_input_adds_to_that_of_the_channels(tmp_path: Path) -> N
     found = measure(experiment, experiment.records["one"]).channels
     level = found["deck.x"]
     assert level.own_noise == OWN and level.noise == pytest.approx(np.hypot(OWN, DECK), rel=0.05)  # 40 realisations
-    assert level.deviation == pytest.approx(np.hypot(OWN, DECK), rel=0.2)
+    assert level.deviation == pytest.approx(np.hypot(OWN, DECK), rel=0.1)     # at each of 401 times
     # white noise of spectral density DECK**2 * 0.02 s behind the transmissibility of a mass on spring and damper
     natural, damping = np.sqrt(4e3 / 100), 150 / (2 * np.sqrt(4e3 * 100))
     behind = DECK * np.sqrt(0.02 * natural * (1 + 4 * damping**2) / (4 * damping))
     late = found["load.x"].deviation[200:]
-    assert float(np.sqrt(np.mean(late**2))) == pytest.approx(np.hypot(OWN, behind), rel=0.15)
+    assert float(np.sqrt(np.mean(late**2))) == pytest.approx(np.hypot(OWN, behind), rel=0.05)
     told = hb.compare(path).records["one"]
-    assert told.channels["deck.x"].chi2 == pytest.approx(1, abs=0.25)
-    assert told.channels["load.x"].chi2 == pytest.approx(1, abs=0.5)  # correlated along time
+    # 401 samples scatter by 0.07; those of the load are correlated along some ten of them
+    assert told.channels["deck.x"].chi2 == pytest.approx(1, abs=0.2)
+    assert told.channels["load.x"].chi2 == pytest.approx(1, abs=0.4)
     assert any("% of the variance of deck.x" in note for note in told.notes)
     silent = hb.compare(shaken(tmp_path, "")).records["one"]
     assert silent.channels["deck.x"].chi2 > 20 and not any("noise of the inputs" in note for note in silent.notes)

@@ -86,7 +86,7 @@ def test_a_record_at_rest_tells_the_noise_of_the_others() -> None:
     moving = (random.normal(size=2000), t)
     still = [(0.01 * random.normal(size=2000), t) for _ in range(4)]
     assert estimate_noise([moving]).deviation == pytest.approx(1, rel=0.1)
-    assert estimate_noise([moving, *still]).deviation == pytest.approx(0.01, rel=0.35)
+    assert estimate_noise([moving, *still]).deviation == pytest.approx(0.01, rel=0.03)     # three standard errors
 
 
 def test_noise_scales_and_ignores_the_clock() -> None:
@@ -131,8 +131,9 @@ def test_quantised_record(speed: float, noise: float) -> None:
     step, t = 1e-4, np.arange(5000) * 0.001
     y = np.sin(speed * t) + noise * step * np.random.default_rng(6).normal(size=5000)
     found = estimate(np.round(y / step) * step, t)
-    # an even error of one step has the standard deviation step / sqrt(12)
-    assert found == pytest.approx(step * math.hypot(noise, 1 / math.sqrt(12)), rel=0.2)
+    # an even error of one step has the standard deviation step / sqrt(12); a smooth signal spreads it unevenly over the
+    # frequencies, which costs up to a tenth
+    assert found == pytest.approx(step * math.hypot(noise, 1 / math.sqrt(12)), rel=0.1 if noise == 0 else 0.05)
 
 
 RIG = """
