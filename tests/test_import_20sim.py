@@ -539,9 +539,8 @@ def test_mutated_files_end_without_a_traceback(tmp_path: Path, text: str) -> Non
             mutant[k] = draw.choice([*PIECES, draw.choice(words)])
         try:
             import_emx(_file(tmp_path, " ".join(mutant)), names)
-        except HeavebondError as error:
+        except HeavebondError:
             refused += 1
-            assert error.problems
     assert 0 < refused < 100
 
 

@@ -131,20 +131,21 @@ def unit_label(unit: str) -> str:
     return text.replace("*", "·").replace("degC", "°C").replace("um", "µm")
 
 
-def columns(rows: Sequence[Sequence[str]], width: int, indent: int = 2) -> list[str]:
-    """Rows as lines of aligned columns two apart; the last column takes what is left and wraps (no column is cut)."""
+def columns(rows: Sequence[Sequence[str]], width: int) -> list[str]:
+    """Rows as lines of aligned columns, indented by two and two apart; the last column takes what is left and wraps (no
+    column is cut)."""
     if not rows:
         return []
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]) - 1)]
-    begin = indent + sum(widths) + 2 * len(widths)
+    begin = 2 + sum(widths) + 2 * len(widths)
     lines = []
     for row in rows:
-        head = " " * indent + "".join(cell.ljust(w) + "  " for cell, w in zip(row, widths, strict=False))
+        head = "  " + "".join(cell.ljust(w) + "  " for cell, w in zip(row, widths, strict=False))
         # a wide first column must not squeeze the last one into a strip
         narrow = width - begin < 24
         if narrow and len(row[-1]) > width - begin:
             lines.append(head.rstrip())
-            head, rest = " " * (indent + 4), indent + 4
+            head, rest = " " * 6, 6
         else:
             rest = begin
         wrapped = textwrap.wrap(row[-1], max(20, width - rest), break_long_words=False, break_on_hyphens=False)

@@ -15,6 +15,7 @@ import numpy as np
 from heavebond.energy.audit import EnergyAudit, EnergyLine
 from heavebond.equations.flatten import Flat
 
+LEAST = 0.005  # share of the largest link below which one is left out: a line too thin to be seen
 SWEEPS = 6  # of the ordering within the columns; more change nothing that the eye would see
 
 
@@ -58,8 +59,8 @@ class EnergyFlow:
     left_out: float
 
 
-def energy_flow(found: EnergyAudit, least: float = 0.005) -> EnergyFlow:
-    """The flow of energy of a run; links below `least` of the largest are left out."""
+def energy_flow(found: EnergyAudit) -> EnergyFlow:
+    """The flow of energy of a run; links below `LEAST` of the largest are left out."""
     flat = found.result.assembly.flat
     lines, bonds = {line.component: line for line in found.lines}, {**flat.bonds, **flat.block_bonds}
     nets = {port: float(np.trapezoid(power, found.result.time)) for port, power in found.ports.items()
@@ -70,8 +71,8 @@ def energy_flow(found: EnergyAudit, least: float = 0.005) -> EnergyFlow:
         ends = (BoxKey(node, node=True), BoxKey(bonds[port].owner))
         links.append(Link(*(ends if energy > 0 else ends[::-1]), abs(energy), domain))
     largest = max((link.energy for link in links), default=0.0)
-    small = [link.energy for link in links if link.energy < least * largest]
-    kept = _contracted([link for link in links if link.energy >= least * largest and link.energy > 0])
+    small = [link.energy for link in links if link.energy < LEAST * largest]
+    kept = _contracted([link for link in links if link.energy >= LEAST * largest and link.energy > 0])
     keys = dict.fromkeys(key for link in kept for key in (link.source, link.target))
     boxes = {key: Box(key) if key.node else _box(key, lines[key.path]) for key in keys}
     directed = _with_directions(kept)

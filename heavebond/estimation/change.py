@@ -79,10 +79,9 @@ class Change:
         text = self.diagram(name or model.name, summary or model.summary or model.name, model.path.name)
         return extended(model, parse(text, path, path.name))
 
-    def on_experiment(self, experiment: Experiment, name: str = "", summary: str = "", path: Path | None = None
-                      ) -> Experiment:
+    def on_experiment(self, experiment: Experiment) -> Experiment:
         """The experiment with the changed diagram, its outputs and inputs where the change puts them."""
-        model = self.on_model(experiment.model, name, summary, path)
+        model = self.on_model(experiment.model)
         outputs = dict(experiment.outputs)
         for channel, formula in self.channels.items():
             outputs[channel] = _output(outputs[channel], formula)

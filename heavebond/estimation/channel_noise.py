@@ -10,16 +10,15 @@ from contextlib import suppress
 from dataclasses import replace
 
 from heavebond.core.errors import HeavebondError
-from heavebond.core.progress import Progress
 from heavebond.estimation.experiment import Experiment
 from heavebond.estimation.input_noise import with_input_noise
 from heavebond.estimation.records import Samples, measure
 from heavebond.records.noise import estimate_noise
 
 
-def with_noise(experiment: Experiment, progress: Progress | None = None) -> Experiment:
+def with_noise(experiment: Experiment) -> Experiment:
     """The experiment with the estimated noise of its channels, and with what the noise of its inputs does to them."""
-    return with_input_noise(with_channel_noise(experiment), progress)
+    return with_input_noise(with_channel_noise(experiment))
 
 
 def with_channel_noise(experiment: Experiment) -> Experiment:

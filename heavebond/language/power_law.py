@@ -95,12 +95,12 @@ def check_power(component: Component, domains: Mapping[str, Domain], seed: int =
     return PowerReport(component.name, tried, worst.imbalance, worst.dissipation, notes=worst.notes)
 
 
-def powers(component: Component, domains: Mapping[str, Domain], seed: int = 0) -> tuple[tuple[str, ...], Array]:
+def powers(component: Component, domains: Mapping[str, Domain]) -> tuple[tuple[str, ...], Array]:
     """The names of the ports, and for each motion (n,) of the trial that goes worst: power in, d(stores)/dt, dissipates,
     unbalanced, the size below which nothing is a power, and the power in at each port."""
     found = []
     for bound in _bindings(component, domains):
-        trial = _Trial(component, domains, bound, seed)
+        trial = _Trial(component, domains, bound)
         rows = np.array([np.concatenate([terms[:4], [APPARENT * terms[4]], terms[6:]]) for terms, _, _ in trial.motions()])
         lost = np.abs(rows[:, 0] - rows[:, 1:4].sum(axis=1)) + np.maximum(-rows[:, 2], 0)
         sizes = np.abs(rows[:, [1, 2, 3, *range(5, rows.shape[1])]]).max(axis=1) + rows[:, 4]
@@ -154,7 +154,7 @@ def _note(found: dict[Dimension, float], quantities: Iterable[tuple[Dimension, f
 class _Trial:
     """One component with its ports in given domains."""
 
-    def __init__(self, component: Component, domains: Mapping[str, Domain], bound: Mapping[str, str], seed: int):
+    def __init__(self, component: Component, domains: Mapping[str, Domain], bound: Mapping[str, str], seed: int = 0):
         integers = {n: _whole(p) for n, p in component.parameters.items() if p.integer}
         component = written_out(component, integers)
         self.component, self.domains, self.bound = component, domains, bound

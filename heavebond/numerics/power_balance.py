@@ -37,8 +37,8 @@ class Imbalance:
     made: bool
 
 
-def balance(assembly: Assembly, columns: Sequence[Array], values: Array, more: Sequence[ca.SX] = (),
-            tolerance: float = TOLERANCE) -> tuple[list[Imbalance], Array]:
+def balance(assembly: Assembly, columns: Sequence[Array], values: Array, more: Sequence[ca.SX] = ()
+            ) -> tuple[list[Imbalance], Array]:
     """The components whose power does not balance at points (t, x, z, p, u, rate), a column each, of a run with the values
     (n_unknowns, N) of all unknowns there; sources and controlled laws are exempt. And the values (k, N) of `more`
     expressions in raw symbols, which are evaluated with the energies."""
@@ -56,10 +56,10 @@ def balance(assembly: Assembly, columns: Sequence[Array], values: Array, more: S
     # a pendulum alone has no port and keeps its energy: only what it holds tells what is little
     sizes = [_size(np.sum(np.abs(list(ports.values())), axis=0)) if ports else 0.0, _size(rate), _size(dissipated),
              _size(held) / duration if duration else 0.0]
-    found = _missing(parts, through, (rate, dissipated, unbalanced), tolerance * max(sizes), columns[0][0])
+    found = _missing(parts, through, (rate, dissipated, unbalanced), TOLERANCE * max(sizes), columns[0][0])
     if found:  # in a machine that turns energy it holds into other energy it holds, these powers are the size of things
         turned = _turnover(assembly, parts, columns)
-        found = _missing(parts, through, (rate, dissipated, unbalanced), tolerance * max(*sizes, turned), columns[0][0])
+        found = _missing(parts, through, (rate, dissipated, unbalanced), TOLERANCE * max(*sizes, turned), columns[0][0])
     return found, others
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import inspect
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import asdict, dataclass
@@ -125,12 +125,10 @@ class Verdict:
                                        if len(also) > MOST_NAMED else []))
         return Problem(f"run-{first.kind}", first.text, None, f"{self._before(first)}{first.advice}.", notes)
 
-    def raise_if_failed(self, figures: Mapping[str, object] | None = None) -> Verdict:
-        """The verdict itself; SimulationError, with the figures that there are all the same, where the run is worthless."""
+    def raise_if_failed(self) -> Verdict:
+        """The verdict itself; SimulationError where the run is worthless."""
         if self.failed:
-            error = SimulationError([self.problem])
-            error.figures = dict(figures or {})
-            raise error
+            raise SimulationError([self.problem])
         return self
 
     def as_dict(self) -> dict[str, object]:

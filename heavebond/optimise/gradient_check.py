@@ -114,14 +114,14 @@ class Verdict:
 
 
 # -- subjects --------------------------------------------------------------------------------------------------------
-def signals_of(assembly: Assembly, signals: Iterable[str], until: Time | None = None, *, every: Time | None = None,
+def signals_of(assembly: Assembly, signals: Iterable[str], until: Time | None = None, *,
                tolerances: Tolerances | None = None) -> Subject:
     """Signals over time. UsageError for a name that is not there."""
     names = tuple(signals)
     probe = Probe(assembly, names)
 
     def runs(given: Tolerances) -> Runs:
-        simulator = Simulator(assembly, until, every=every, tolerances=given)
+        simulator = Simulator(assembly, until, tolerances=given)
 
         def ran(settings: Mapping[str, float]) -> SampledRun:
             run = simulator.run(settings)
@@ -130,8 +130,7 @@ def signals_of(assembly: Assembly, signals: Iterable[str], until: Time | None = 
         return ran
 
     def exact(given: Tolerances, parameters: Sequence[str]) -> Array:
-        return np.concatenate([probe.sensitivities(Simulator(assembly, until, every=every, tolerances=given,
-                                                             sensitivities=chunk).run())
+        return np.concatenate([probe.sensitivities(Simulator(assembly, until, tolerances=given, sensitivities=chunk).run())
                                for chunk in in_chunks(parameters)])
 
     trace = _traced(assembly, until)

@@ -21,7 +21,7 @@ from heavebond.core.progress import Progress
 from heavebond.core.units import Unit
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.result import Probe
-from heavebond.numerics.simulator import Simulator, Time, Tolerances
+from heavebond.numerics.simulator import Simulator, Time
 
 MOST = 60  # parameters, where none are named
 AT_ONCE = 6  # sensitivities a run: beyond it the Jacobian grows faster than runs are saved
@@ -70,8 +70,7 @@ def candidates(assembly: Assembly) -> list[str]:
 
 
 def rank(assembly: Assembly, signals: Sequence[str], parameters: Sequence[str] = (), until: Time | None = None, *,
-         every: Time | None = None, most: int = MOST, tolerances: Tolerances | None = None,
-         progress: Progress | None = None) -> Rankings:
+         every: Time | None = None, most: int = MOST, progress: Progress | None = None) -> Rankings:
     """Rank parameters (by default all that are not zero, `most` of them) by their influence on signals.
 
     UsageError for a name that is not there, a parameter that is zero or is solved for at the start.
@@ -85,7 +84,7 @@ def rank(assembly: Assembly, signals: Sequence[str], parameters: Sequence[str] =
     for group in groups:
         say(f"parameters {done + 1} to {done + len(group)} of {len(chosen)}")
         done += len(group)
-        run = Simulator(assembly, until, every=every, tolerances=tolerances, sensitivities=group).run()
+        run = Simulator(assembly, until, every=every, sensitivities=group).run()
         courses.append(probe.sensitivities(run))
     values = np.array([assembly.parameter_values[name] for name in chosen])
     scaled = np.concatenate(courses) * values[:, None, None]

@@ -13,10 +13,10 @@ CLEAR = 4  # px between a picture and its name
 MOUTH = 3 * GRID  # what stays free before an anchor
 
 
-def ray(anchor: Anchor, length: int = MOUTH) -> Box:
+def ray(anchor: Anchor) -> Box:
     """The strip in which the wire of an anchor leaves."""
     dx, dy = SIDES[anchor.side]
-    xs, ys = sorted((anchor.x, anchor.x + dx * length)), sorted((anchor.y, anchor.y + dy * length))
+    xs, ys = sorted((anchor.x, anchor.x + dx * MOUTH)), sorted((anchor.y, anchor.y + dy * MOUTH))
     return Box(xs[0] - 4, ys[0] - 4, xs[1] + 4, ys[1] + 4)
 
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 EXPERIMENT = (".yaml", ".yml", "")  # the last: the name of a bundled one
 SECONDS = ("time", "s")
+MOST_SIGNALS = 6  # drawn where none are named
 
 
 @dataclass(frozen=True)
@@ -132,14 +133,14 @@ def _of_experiment(experiment: Experiment, record: str) -> SavedRun:
     return SavedRun(chosen.name, found.grid, values, units)
 
 
-def common_signals(overlay: Overlay, most: int = 6) -> list[str]:
+def common_signals(overlay: Overlay) -> list[str]:
     """Signals to draw where none are named: the first that all files hold. UsageError where there is none."""
     first, *others = overlay.runs.values()
     found = [name for name in first.names() if all(name in other.values for other in others)]
     if not found:
         raise UsageError([Problem("nothing-to-plot", "the files have no signal in common", None,
                                   "Name what to draw: --signal crown.x.", _contents(overlay.runs))])
-    return found[:most]
+    return found[:MOST_SIGNALS]
 
 
 def _contents(runs: Mapping[str, SavedRun]) -> tuple[str, ...]:

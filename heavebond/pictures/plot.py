@@ -236,12 +236,12 @@ def plot_influence(found: Rankings, *, bars: int = 12, courses: int = 4, title: 
     return figure
 
 
-def plot_ladder(rungs: Sequence[LadderEntry], *, title: str = "The error on the ladder") -> Figure:
+def plot_ladder(rungs: Sequence[LadderEntry]) -> Figure:
     """The falling error: root mean square over that of what was measured, on the fitted samples and on those that were not,
     each beside what noise alone would leave there (the last model's error divided by the root of chi-square per sample)."""
     figure = NotebookFigure(figsize=(WIDTH, 2.2 + 0.62 * len(rungs)), dpi=DPI)
     axes = figure.add_subplot()
-    figure_title(figure, title)
+    figure_title(figure, "The error on the ladder")
     places, last = np.arange(len(rungs))[::-1], rungs[-1]
     drawn: list[float] = []
     for offset, colour, mark, label, errors, chi2 in (

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 OTHER = "#b0b0b0"
 SUPPLY, HEAT, STORE, PASS, NODE = COLOURS[0], COLOURS[1], COLOURS[2], "#444444", "#9a9a9a"
 BULGE = 0.35  # how far a ribbon that goes back swings out, in columns
+MOST_BARS = 25  # components with a bar, for a page
 SEEN = 1e-6  # shares below are rounding
 THICK, GAP = 0.16, 0.35  # a box's width in columns; the room between boxes in a column, over the tallest column
 
@@ -62,9 +63,9 @@ def plot_energy_flow(flow: EnergyFlow, *, title: str = "") -> Figure:
     return figure
 
 
-def plot_activity(found: EnergyAudit, *, most: int = 25, title: str = "") -> Figure:
+def plot_activity(found: EnergyAudit, *, title: str = "") -> Figure:
     """The most active components as bars with their share of the activity of all, and the sum of the shares down to each."""
-    ranked = [(line, share) for line, share in found.ranking if share > SEEN][:most]
+    ranked = [(line, share) for line, share in found.ranking if share > SEEN][:MOST_BARS]
     figure = Figure(figsize=(0.8 * WIDTH, 1.6 + 0.3 * len(ranked)), dpi=DPI, layout="constrained")
     figure_title(figure, title)
     axes = figure.add_subplot()

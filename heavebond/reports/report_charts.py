@@ -207,9 +207,9 @@ def _hash(label: str, *arrays: Array) -> int:
     return int.from_bytes(found.digest()[:6], "big")
 
 
-def steps(series: Sequence[tuple[str, Array, Array]], *, title: str, across: str, up: str, label: str,
-          size: tuple[float, float] = (518.0, 230.0)) -> Html:
+def steps(series: Sequence[tuple[str, Array, Array]], *, title: str, across: str, up: str, label: str) -> Html:
     """Levels (K,) between edges (K+1,), by name, over a logarithmic height, with a line at 1."""
+    size = 518.0, 230.0
     values = np.concatenate([np.maximum(level, 1e-2) for _, _, level in series])
     low, high = 10.0 ** math.floor(math.log10(min(values.min(), 0.9))), 10.0 ** math.ceil(math.log10(max(values.max(), 1.1)))
     frame = Frame(*size, _ends(np.concatenate([edges for _, edges, _ in series]), 0.0), (low, high), logarithmic=True)

@@ -147,10 +147,10 @@ def _ended(value: str, p: Fitted) -> Html:
     return joined([value, element("br"), element("span", f"at the {p.ended} end", class_="tag bad")])
 
 
-def in_one_unit(unit: str, size: float, values: Sequence[float], digits: int = 5) -> list[str]:
+def in_one_unit(unit: str, size: float, values: Sequence[float]) -> list[str]:
     """Values in SI in the unit that suits `size`, each with it."""
     shown, label = shown_unit(unit, size)
-    return [in_unit(value, shown, digits) + label for value in values]
+    return [in_unit(value, shown, 5) + label for value in values]
 
 
 def shown_unit(unit: str, size: float) -> tuple[Unit, str]:
