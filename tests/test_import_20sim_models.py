@@ -517,6 +517,28 @@ def test_elements_of_the_library_are_recognised_by_their_equations(tmp_path: Pat
     agree(run["Momentum.a.f"], x[1] / 4)
 
 
+def test_a_first_order_lag_with_a_gain_of_1(tmp_path: Path) -> None:
+    """The gain of 1 needs no parameter: the lag of the library. With another gain it keeps a component of its own."""
+    lag = """parameters
+ real k = 1;  // gain
+ real tau = 0.4 {s};
+variables
+ real rate, state;
+equations
+ rate = (k * input - state) / tau;
+ state = int (rate, 0.5);
+ output = state;"""
+    ports = "signal in input; signal out output"
+    parts = part("Ramp", "signal out y", "equations\n y = time^2;") + "".join(
+        part(name, ports, lag.replace("k = 1", gain), kind="TransferFunction") for name, gain in (
+            ("Lag", "k = 1"), ("Other", "k = 2")))
+    run = imported(tmp_path, parts, "Ramp\\y -> Lag\\input; Ramp\\y -> Other\\input", 2.0)
+    text = (tmp_path / "out" / "m.yaml").read_text()
+    assert "Lag:   {is: FirstOrderLag, T_1: 0.4 s" in text and "Other: {is: Other," in text
+    agree(run["Lag.y"], solved(lambda t, x: [(t**2 - x[0]) / 0.4], [0.5], run)[0])
+    agree(run["Other.output"], solved(lambda t, x: [(2 * t**2 - x[0]) / 0.4], [0.5], run)[0])
+
+
 def test_global_relations_of_submodels_within_each_other(tmp_path: Path) -> None:
     """A submodel of equations with relations of its own, relations that name those around them, initial values that global
     matrices give, and a supply of a block with several connections."""

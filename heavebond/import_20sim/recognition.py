@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from heavebond.core.errors import HeavebondError
 from heavebond.import_20sim import formula_text as f
-from heavebond.import_20sim.choices import names
+from heavebond.import_20sim.choices import names, renamed
 from heavebond.import_20sim.component import Component
 from heavebond.import_20sim.match import Match
 from heavebond.import_20sim.memory import DELAYED
@@ -268,7 +268,19 @@ def recognised(made: Component, joined: set[str]) -> Match | None:
             if _within_bounds(made, own, match) and _agree(law, other, match) and \
                     (complete := _with_states(made, law, own, other, match)) is not None:
                 return complete
-    return None
+    return _without_ones(made, law, joined)
+
+
+def _without_ones(made: Component, law: Law, joined: set[str]) -> Match | None:
+    """The component of the library for a law whose gains are 1, as numbers in place of parameters: 1/(tau*s + 1)."""
+    ones = [n for n in law.parameters if made.items[n].value == 1 and not made.items[n].unit and n not in made.shared]
+    if not ones or len(ones) == len(law.parameters):
+        return None
+    equations = made.equations
+    for name in ones:
+        equations = [(left, renamed(right, name, f.number(1)), said) for left, right, said in equations]
+    items = {n: item for n, item in made.items.items() if n not in ones}
+    return recognised(replace(made, equations=equations, items=items), joined)
 
 
 def _junction(made: Component, joined: set[str]) -> Match | None:
@@ -375,10 +387,9 @@ def _with_states(made: Component, law: Law, own: definition.Component, other: La
     if not other.states:
         return match if not law.states else None
     known: dict[str, complex] = {"time": 0.0, **{n: made.items[n].value or 0.0 for n in law.parameters}}
-    if law.inputs and any(_has(e, law.inputs) for e in law.equations if not _dynamic(e)):
-        return None
+    at_once = [e for e in law.equations if not _dynamic(e) and not _has(e, law.inputs)]  # whatever the inputs are
     columns = [*(f"{p}.{q}" for p in law.bonds for q in "ef"), *law.outputs, *law.inner]
-    rows = _matrix(law, {**known, **dict.fromkeys(law.inputs, 0.0)}, 1j, [e for e in law.equations if not _dynamic(e)])
+    rows = _matrix(law, {**known, **dict.fromkeys(law.inputs, 0.0)}, 1j, at_once)
     for state, first in made.initial.items():
         row = np.zeros(len(columns) + 1, complex)
         row[columns.index(state)], row[-1] = 1, -first.value
