@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -69,9 +68,9 @@ class _Parser:
             reading.identifier(name, "a component", problems)
         ports, signals = self._ports(root.items.get("ports"))
         unbalanced, why = self._unbalanced(root.items.get("unbalanced"))
-        variables = self._each(root.items.get("variables"), "variables", self._variable)
-        parameters = self._each(root.items.get("parameters"), "parameters",
-                                lambda key, entry: self._parameter(key, entry, variables))
+        variables = reading.declarations(root.items.get("variables"), "variables", self._variable, problems)
+        parameters = reading.declarations(root.items.get("parameters"), "parameters",
+                                          lambda key, entry: self._parameter(key, entry, variables), problems)
         effects = EffectReader(ports, signals, parameters, variables, problems)
         effects.dormant()
         return Component(
@@ -127,18 +126,6 @@ class _Parser:
                               hint="Write `power: source`, or `power: controlled,` and why; leave it out where power "
                               "is balanced.")
         return said
-
-    def _each(self, node: Node | None, what: str, build: Callable[[Scalar, Mapping], T]) -> dict[str, T]:
-        entries = reading.mapping(node, what, self.problems)
-        found: dict[str, T] = {}
-        for name, item in (entries.items if entries else {}).items():
-            key = entries.keys[name] if entries else None
-            if key is None or not reading.identifier(key, f"one of the {what}", self.problems):
-                continue
-            entry = reading.mapping(item, f"'{name}'", self.problems, f"Write `{name}: {{unit: ..., doc: ...}}`.")
-            if entry is not None:
-                found[name] = build(key, entry)
-        return found
 
     def _ports(self, node: Node | None) -> tuple[dict[str, Port], dict[str, SignalPort]]:
         ports: dict[str, Port] = {}

@@ -17,6 +17,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 from heavebond.core.errors import ModelError, Place, Problems, listing, suggest
 from heavebond.core.units import DIMENSIONLESS, ONE, Dimension, UnitProblem, check_unit, dimension_text
@@ -68,7 +69,8 @@ class _Parser:
         if isinstance(head, Scalar):
             self._check_name(head)
         inputs, outputs, constants = (
-            self._quantities(root.items.get(key), key) for key in ("inputs", "outputs", "constants"))
+            reading.declarations(root.items.get(key), key, partial(self._quantity, valued=key == "constants"), problems)
+            for key in ("inputs", "outputs", "constants"))
         place = head.place if isinstance(head, Scalar) else root.place
         found = Function(name, reading.text(root.items.get("summary"), "summary", problems), place, self.source.path,
                          inputs, outputs, constants, self._steps(root.items.get("equations")),
@@ -90,18 +92,6 @@ class _Parser:
         elif reading.identifier(head, "a function", self.problems) and not SNAKE_CASE.fullmatch(head.text):
             self.problems.add("name-bad", f"'{head.text}' cannot name a function", head.place,
                               hint="The name of a function has small letters, digits and `_`, as in `oil_with_air`.")
-
-    def _quantities(self, node: Node | None, what: str) -> dict[str, Quantity]:
-        entries = reading.mapping(node, what, self.problems)
-        found: dict[str, Quantity] = {}
-        for name, item in (entries.items if entries else {}).items():
-            key = entries.keys[name] if entries else None
-            if key is None or not reading.identifier(key, f"one of the {what}", self.problems):
-                continue
-            entry = reading.mapping(item, f"'{name}'", self.problems, f"Write `{name}: {{unit: ..., doc: ...}}`.")
-            if entry is not None:
-                found[name] = self._quantity(key, entry, what == "constants")
-        return found
 
     def _quantity(self, key: Scalar, entry: Mapping, valued: bool) -> Quantity:
         needed = ("unit", "value") if valued else ("unit",)

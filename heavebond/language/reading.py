@@ -16,6 +16,7 @@ from heavebond.text.expression import KEYWORDS, Equation, Expr, ExpressionProble
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source
 
 T = TypeVar("T", Expr, Equation)
+D = TypeVar("D")
 IDENTIFIER = re.compile(r"[A-Za-z_]\w*")
 CAMEL_CASE = re.compile(r"[A-Z][A-Za-z0-9]*[a-z][A-Za-z0-9]*")
 _COMMA_IN_INDEX = re.compile(r"\s*,\s*(?=[^\[\]]*\])")
@@ -58,6 +59,21 @@ def mapping(node: Node | None, what: str, problems: Problems, hint: str = "") ->
     problems.add("not-a-mapping", f"{what} is {node.kind}; `key: value` entries are expected", node.place,
                  hint=hint or "Write `{key: value, ...}`, or one `key: value` a line, indented.")
     return None
+
+
+def declarations(node: Node | None, what: str, build: Callable[[Scalar, Mapping], D], problems: Problems) -> dict[str, D]:
+    """What `build` makes of each declaration `name: {unit: ..., doc: ...}`, by name; those that are no declarations are
+    left out with a problem."""
+    entries = mapping(node, what, problems)
+    found: dict[str, D] = {}
+    for name, item in (entries.items if entries else {}).items():
+        key = entries.keys[name] if entries else None
+        if key is None or not identifier(key, f"one of the {what}", problems):
+            continue
+        entry = mapping(item, f"'{name}'", problems, f"Write `{name}: {{unit: ..., doc: ...}}`.")
+        if entry is not None:
+            found[name] = build(key, entry)
+    return found
 
 
 def text(node: Node | None, what: str, problems: Problems, default: str = "") -> str:
