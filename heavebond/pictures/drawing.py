@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from heavebond.core.presentation import number, unit_label
 from heavebond.core.quoting import xml
@@ -36,6 +36,7 @@ from heavebond.pictures.text_metrics import (
 
 EDGE = 20  # px around the drawing
 NARROWEST = 420  # px, so that a title has room
+WIDER = 1.13  # DejaVu Sans, which viewers without Helvetica and Arial take, over the width that is measured
 SIGNAL = "#00734f"  # distinct from the colours of the domains for every kind of colour vision (after Okabe and Ito)
 OTHER, QUIET, WARNING, HALO = "#444444", "#5f6368", "#c2410c", "#ffe3d1"
 WIDTHS = {"signal": 1.1}
@@ -157,7 +158,9 @@ def _page(model: Model, drawn: Drawn, look: Look) -> str:
     shift = heading.box.bottom - heading.box.top + 14
     legend = _legend(drawn, extent.left, extent.bottom + 24) if look.paint is None else \
         _bar(look.paint, extent.left, extent.bottom + 24)
-    box = bounds([extent, heading.box.moved(0, extent.top - shift), legend[1]])
+    words = heading.box.moved(0, extent.top - shift)
+    words = replace(words, right=words.left + WIDER * (words.right - words.left))
+    box = bounds([extent, words, legend[1]])
     left, top = round(box.left - EDGE), round(box.top - EDGE)
     whole_x, whole_y = round(box.right + EDGE) - left, round(box.bottom + EDGE) - top
     lines = [
