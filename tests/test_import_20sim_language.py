@@ -280,6 +280,22 @@ code
     assert at(run, "z", 1, 4) == pytest.approx([1, 5 * np.pi / 6], abs=1e-5)
 
 
+def test_equality_of_whole_numbers_and_of_what_changes_continuously(tmp_path: Path) -> None:
+    """A mode is compared within a half; a pressure of 0.4 is not 0, but a valve that has reached its end is there."""
+    run = run_part(tmp_path, one_part("""variables
+ real p, valve, mode;
+code
+ p = 0.4 * exp (-time);
+ valve = limit (time, 0, 1);
+ if time > 0.5 then mode = 2; else mode = 1; end;
+ if p == 0 then y = 5; end;
+ if valve == 1 then z = 7; end;
+ if mode == 2 then w = 9; end;""", "y z w"))
+    assert at(run, "y", 2) == [0]
+    assert at(run, "z", 0.9, 1.1) == [0, 7]
+    assert at(run, "w", 0.4, 0.6) == [0, 9]
+
+
 def test_a_state_machine_of_a_switch(tmp_path: Path) -> None:
     """A vessel that fills with 2, empties with 1/2 from 1 to 0.4 and fills again: one event for each way out of a state."""
     text = one_part("""parameters

@@ -27,7 +27,6 @@ from heavebond.import_20sim.choices import (
     keeps,
     leaves,
     names,
-    rebuilt,
     renamed,
     renamed_former,
     simplified,
@@ -41,6 +40,7 @@ from heavebond.import_20sim.knots import collected, knot_equations, knot_value, 
 from heavebond.import_20sim.matrices import Matrix
 from heavebond.import_20sim.memory import Memory
 from heavebond.import_20sim.names import camel, identifier
+from heavebond.import_20sim.passed_conditions import moves, passed
 from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, Statement, Submodel
 from heavebond.import_20sim.splitting import share_repeated, split_deep
 from heavebond.import_20sim.tables import read_table
@@ -72,6 +72,7 @@ class Builder(Execution):
         self.labels: dict[str, str] = {}  # the quantities by the names of their elements
         self.triggers: Env = {}  # variables that are events
         self.start: Env = {}  # what the initial equations assign
+        self.assigned: Env = {}  # what the statements assign whose results are written now
 
     def build(self) -> Component:
         """The component; what cannot be translated is listed in it."""
@@ -355,22 +356,8 @@ class Builder(Execution):
         return Expr("table", (value,), label)
 
     # -- results -----------------------------------------------------------------------------------------------------
-    def _moves(self, expr: Expr) -> bool:
-        """Whether a value changes between events."""
-        if expr.op == "name" and expr.name != "pi":
-            item = self.made.items.get(expr.name)
-            return item is None or item.kind not in ("parameter", "held")
-        return any(self._moves(e) for e in expr.args)
-
-    def _passed(self, expr: Expr) -> Expr:
-        """A condition of an event, where equality of what moves is nearness: such values are whole numbers."""
-        if expr.op in ("==", "!=") and any(self._moves(e) for e in expr.args):
-            left, right = expr.args
-            near = Expr("<", (f.call("abs", f.add(left, f.negative(right))), f.number(0.5)))
-            return near if expr.op == "==" else Expr("not", (near,))
-        return rebuilt(expr, self._passed)
-
     def _results(self, env: Env, start: Env, written: set[str]) -> None:
+        self.assigned = env
         for name, value in env.items():
             if self.triggers.get(name) != value:
                 self._code_result(name, value, start, written)
@@ -398,7 +385,7 @@ class Builder(Execution):
                 self.made.equations.append((f.name(name), between, said))
             return
         found = leaves(between, Expr("prev", name=name))
-        if any(self._moves(leaf) for _, leaf in found):
+        if any(moves(self.made, leaf) for _, leaf in found):
             if not any(keeps(e, name) for pair in found for e in pair):
                 self._follows(name, item, between, found, start.get(name, f.number(0)), said)
                 return
@@ -422,7 +409,7 @@ class Builder(Execution):
         kept = self.made.hold(f"{name}_kept", item.unit, f"last value of {name}", first)
         self.made.equations.append((f.name(name), renamed(value, name, f.name(kept)), said))
         for condition, leaf in found:
-            condition = self._passed(condition)
+            condition = passed(self.made, self.assigned, condition)
             flag = self.made.hold(f"{name}_assigned", "", f"1 while a branch assigns {name}", f.number(0))
             # left only where it was entered: at the start a condition may pass from equality to either side
             left = Expr("and", (simplified(Expr("not", (condition,))), Expr("==", (f.name(flag), f.number(1)))))
@@ -447,5 +434,5 @@ class Builder(Execution):
             for ending, when in self.memory.instants(trigger):
                 self.made.on(f"{held}_{ending}", when, {held: at_event(value, trigger)})
         for condition, leaf in leaves(at_event(value, None), f.name(held)):
-            passed = f.text(self._passed(condition))
-            self.made.on(f"{held}_event", {"condition": passed}, {held: leaf})
+            when = {"condition": f.text(passed(self.made, self.assigned, condition))}
+            self.made.on(f"{held}_event", when, {held: leaf})
