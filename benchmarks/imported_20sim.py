@@ -3,7 +3,8 @@
     python -m benchmarks.imported_20sim FOLDER
 
 FOLDER holds .emx files and FMUs with sources of the INTO-CPS examples (repositories `example-mass_spring_damper`,
-`example-single_watertank`, `example-three_tank_watertank`, `example-line_follower_robot`). An FMU is compiled from its own
+`example-single_watertank`, `example-three_tank_watertank`, `example-line_follower_robot`, `example-fcu`,
+`example-uav_swarm`); a case whose files are not there is left out. An FMU is compiled from its own
 sources with its fixed step made shorter and shorter, at powers of two, in which time adds up without rounding. Both sides
 get the same inputs, constant over 1/64 s, and the values of the FMU where those of the .emx file differ. They are compared
 in the middle of these intervals: the error is the largest difference over the range of the FMU's output. The method of the
@@ -76,6 +77,13 @@ CASES = (
          {"servo_left_input": lambda t: 0.4 + 0.1 * np.sin(2 * t), "servo_right_input": lambda t: -0.3 - 0.0 * t},
          {f"servo_{side}.{name}": value for side in ("left", "right")
           for name, value in (("inductance.I", "0.071 W*s"), ("internal_controller.tauI", "0.1 s"))}),
+    Case("RoomHeating", "RoomHeating", "RoomHeating", ("RAT",), 60.0,
+         {"fanspeed": lambda t: 0.5 + 0.3 * np.sin(t), "valveopen": lambda t: 0.6 + 0 * t,
+          "OAT": lambda t: 10 + 5 * np.sin(t / 7)}, edits={"xx_P[12] = 200.0;": "xx_P[12] = 0.1;"}),
+    Case("UAV", "UAV", "UAV", ("posX", "posY", "posZ", "velX", "velY", "velZ", "currentYaw", "currentRoll", "currentPitch",
+                               "batteryCharge"), 4.0,
+         {"throttle": lambda t: 0.9 + 0 * t, "pitch": lambda t: 0.3 * np.sin(t), "roll": lambda t: 0.2 * np.cos(t),
+          "yaw": lambda t: 0.5 + 0 * t}),
 )
 
 
@@ -197,7 +205,7 @@ def main() -> None:
     wanted = sys.argv[2:]
     print(f"{'FMU':<22} {'output':<22} {'range':>10}   error over the range at a step of 1/128 s over {SHORTER}")
     for case in CASES:
-        if wanted and case.fmu not in wanted:
+        if (wanted and case.fmu not in wanted) or not (folder / f"{case.fmu}.fmu").is_file():
             continue
         known = ours(case, folder)
         found = [theirs(case, folder, HOLD / 2 / k) for k in SHORTER]
