@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -95,8 +96,13 @@ def check(name: str, solver: str) -> str:
             assert "--solver auto" in told[-1].hint
         assert told[0].code == told[1].code
         return told[0].code
+    usual = ("idas", "the default") if assembly.algebraic_names or StateChoices(assembly).needed else \
+        ("cvodes", "no algebraic unknowns")
+    assert (plain.statistics["solver"], plain.statistics["why"]) == usual
+    if usual[0] == solver:
+        plain = hb.simulate(assembly, solver="idas")
     run = hb.simulate(assembly, solver=solver)
-    assert (plain.statistics["solver"], run.statistics["solver"]) == ("idas", solver)
+    assert run.statistics["solver"] == solver
     assert [event for _, event in run.events] == [event for _, event in plain.events]
     difference = apart(plain, run)
     if difference >= AGREE:
@@ -132,10 +138,45 @@ def test_every_bundled_machine_runs_alike_by_every_solver(name: str, solver: str
 @pytest.mark.parametrize("path", sorted((MODELS / "examples").glob("*.yaml")), ids=lambda path: path.stem)
 def test_every_example_runs_alike_by_auto(path: Path) -> None:
     assembly = hb.assemble(hb.load(path))
-    plain, run = hb.simulate(assembly), hb.simulate(assembly, solver="auto")
-    assert run.statistics["solver"] == "idas" and "solver_changes" not in run.statistics
+    plain, run = hb.simulate(assembly, solver="idas"), hb.simulate(assembly)
+    assert run.statistics["why"] in ("the default", "no algebraic unknowns") and "solver_changes" not in run.statistics
     assert apart(plain, run) < 1e-4  # examples of laws with steps among them
     assert [name for _, name in run.events] == [name for _, name in plain.events]
+
+
+@pytest.mark.parametrize("name", ["emps", "emps/emps_friction"])
+def test_auto_does_not_stall_where_idas_rejects_every_second_step(name: str) -> None:
+    assembly = hb.assemble(hb.load(name))
+    runs = {solver: hb.simulate(assembly, solver=solver) for solver in ("idas", "auto")}
+    steps = {solver: int(str(run.statistics["nsteps"])) for solver, run in runs.items()}
+    assert steps["auto"] < steps["idas"] / 10
+    assert apart(runs["auto"], runs["idas"]) < AGREE
+
+
+# By their formulas (see test_examples_electrical and test_examples_mechanics); the tolerances are per step.
+@pytest.mark.parametrize(("name", "signal", "exact"), [
+    ("i_field", "second", lambda t: (np.exp(-t / 3) - np.exp(-t)) / 2),
+    ("c_field", "first", lambda t: (np.cos(2 * t) + np.cos(np.sqrt(6) * t)) / 2)])
+def test_auto_is_as_exact_as_idas(name: str, signal: str, exact: Callable[[np.ndarray], np.ndarray]) -> None:
+    assembly = hb.assemble(hb.load(f"examples/{name}"))
+    errors = []
+    for solver in ("auto", "idas"):
+        run = hb.simulate(assembly, solver=solver)
+        errors.append(float(np.abs(run.display[signal] - exact(run.time)).max()))
+    assert errors[0] <= errors[1]
+
+
+def test_idas_runs_what_cvodes_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    from heavebond.numerics.solvers import Explicit
+
+    def failing(self: Explicit, **given: object) -> dict[str, np.ndarray]:
+        raise RuntimeError("CV_CONV_FAILURE")
+
+    plain = hb.simulate(hb.load("quarter_car"), 1.0, solver="idas")
+    monkeypatch.setattr(Explicit, "__call__", failing)
+    run = hb.simulate(hb.load("quarter_car"), 1.0)
+    assert (run.statistics["solver"], run.statistics["why"]) == ("idas", "cvodes gave up: CV_CONV_FAILURE")
+    assert np.array_equal(run.x, plain.x)
 
 
 # -- sensitivities -----------------------------------------------------------------------------------------------------
@@ -206,8 +247,8 @@ def test_the_choice_and_why() -> None:
     model = hb.load("quarter_car")
     told = {solver: hb.simulate(model, 0.1, solver=solver).statistics for solver in (None, "idas", "cvodes", "auto")}
     assert [(s["solver"], s["why"]) for s in told.values()] == [
-        ("idas", "the default"), ("idas", "asked for"), ("cvodes", "asked for"),
-        ("idas", "the default")]
+        ("cvodes", "no algebraic unknowns"), ("idas", "asked for"), ("cvodes", "asked for"),
+        ("cvodes", "no algebraic unknowns")]
 
 
 def test_a_diagram_says_by_what_its_plain_runs_are_made(tmp_path: Path) -> None:
@@ -319,6 +360,7 @@ outputs: {p: {is: middle.p, column: p, unit: bar}}
 def test_another_solver_goes_on_from_the_last_accepted_point(monkeypatch: pytest.MonkeyPatch) -> None:
     from heavebond.numerics import event_integration
     from heavebond.numerics.idas import Idas
+    from heavebond.numerics.solvers import Explicit
 
     plain = hb.simulate(hb.load("quarter_car"), 3.0)
     call = Idas.__call__
@@ -329,6 +371,13 @@ def test_another_solver_goes_on_from_the_last_accepted_point(monkeypatch: pytest
             raise RuntimeError("IDA_CONV_FAIL")
         return call(self, **given)
 
+    def from_a_point_on(self: Explicit, **given: object) -> dict[str, np.ndarray]:
+        if self.size1_in("u") < 2:  # the whole run, by which `auto` begins
+            raise RuntimeError("CV_CONV_FAILURE")
+        return goes_on(self, **given)
+
+    goes_on = Explicit.__call__
+    monkeypatch.setattr(Explicit, "__call__", from_a_point_on)
     monkeypatch.setattr(Idas, "__call__", stopping)
     assert event_integration.reason("x IDA_CONV_FAIL y") == "IDA_CONV_FAIL"
     run = hb.simulate(hb.load("quarter_car"), 3.0)

@@ -188,7 +188,7 @@ def audit(model: ModelOrFile | Assembly, until: Time | None = None, *, every: Ti
     """
     assembly = assemble(model)
     tolerances = Tolerances(rtol, atol)
-    before = run_by_auto(Simulator(assembly, until, every=every, tolerances=tolerances), parameters)
+    before = run_by_auto(Simulator(assembly, until, every=every, tolerances=tolerances, solver="auto"), parameters)
     worthless = [f for f in before.verdict.findings if f.failed and f.kind != "energy"]  # which is what is asked here
     verdict(worthless).raise_if_failed()
     if before.assembly.flat is not assembly.flat:  # with nodes filled, which has the parameters
@@ -203,7 +203,7 @@ def audit(model: ModelOrFile | Assembly, until: Time | None = None, *, every: Ti
     size = max(float(np.abs(held).max(initial=0.0)), float(np.abs(rates).max(initial=0.0) * duration)) or 1.0
     chosen = [k for k, power in enumerate(split(powers)) if not power.is_zero()]
     beside = Simulator(assembly, times=before.time, tolerances=tolerances,
-                       quadratures=powers[chosen] / size if chosen else None)
+                       quadratures=powers[chosen] / size if chosen else None, solver="auto")
     result = run_by_auto(beside, parameters)
     if "fills" in before.statistics:
         result = replace(result, statistics={**result.statistics, "fills": before.statistics["fills"]})

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.core.threads import single_threaded
 from heavebond.equations.flatten import Flat
 from heavebond.equations.matching import block_lower_triangular, components_of, maximum_matching
 from heavebond.language.symbols import split, stack, uniform
@@ -170,6 +171,7 @@ class _Matrix:
         null = self._null()
         return [] if null is None else [self._loss(null, *pair) for pair in self._pairs(null)]
 
+    @single_threaded
     def _null(self) -> _NullVectors | None:
         pattern: list[list[int]] = [[] for _ in self.system.rows]
         for row, column, value in zip(self.row, self.column, self.entries, strict=True):

@@ -137,7 +137,8 @@ class EventIntegration:
             times, steps = looks.times, record.steps
             try:
                 if ahead.crawling:
-                    raise RuntimeError(f"{CRAWLS[0]}: so many steps that it would not come to an end")
+                    word = CRAWLS[self.solver == "cvodes"]
+                    raise RuntimeError(f"{word}: so many steps that it would not come to an end")
                 y, z = self._advance(now, looks, record)
             except RuntimeError as error:
                 now, halvings = self._mended(now, looks, halvings, error, record)

@@ -8,7 +8,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from threading import RLock
 from typing import Any
@@ -42,6 +42,10 @@ class Tolerances:
     rtol: float = 1e-8
     atol: float = 1e-10
     along: float = 1e-3
+
+    def scaled(self, factor: float) -> Tolerances:
+        """Both tolerances times a factor."""
+        return replace(self, rtol=factor * self.rtol, atol=factor * self.atol)
 
 
 class Idas:

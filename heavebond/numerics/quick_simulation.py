@@ -35,7 +35,7 @@ from heavebond.numerics.forcing import Forcing
 from heavebond.numerics.initialise import Start, Tangent
 from heavebond.numerics.result import Probe
 from heavebond.numerics.simulator import Simulator
-from heavebond.numerics.solvers import Choice, Integrator, integrator, solver_options
+from heavebond.numerics.solvers import CVODES_SHARE, Choice, Integrator, integrator, solver_options
 from heavebond.numerics.trace import Trace
 
 
@@ -54,8 +54,6 @@ class SearchRunConstants:
         takes eight and a Jacobian. Doubled: some runs take longer, with the same result.
     one_step_tolerance: factor on its tolerances. Origin: its steps end at the samples, so that it errs by far less than
         allowed. Doubled: errors up to the tolerance asked for.
-    check_tolerance: share of the tolerances with which the compiled program checks a search. Origin: one decimal.
-        Doubled: a weaker check.
     """
 
     max_steps: int = 2000
@@ -63,7 +61,6 @@ class SearchRunConstants:
     longest_step: int = 2
     one_step_from: int = 20
     one_step_tolerance: float = 10.0
-    check_tolerance: float = 0.1
 
 
 SEARCH_RUNS = SearchRunConstants()
@@ -75,11 +72,10 @@ CONTINUOUS = ("spline", "linear")
 class Unexplained(Simulator):
     """A `Simulator` for one candidate among many: where it gives up it does so soon, and does not look for the reason, which
     would cost further runs. Where the compiled program can integrate its equations, it does so with the share
-    `SEARCH_RUNS.check_tolerance` of the tolerances asked for; IDAS, which stops at every sample of an input, errs as
-    little."""
+    `CVODES_SHARE` of the tolerances asked for."""
 
     most_steps = SEARCH_RUNS.max_steps_exact
-    share = SEARCH_RUNS.check_tolerance  # of the tolerances asked for, with which the compiled program integrates
+    share = CVODES_SHARE  # of the tolerances asked for, with which the compiled program integrates
 
     def __init__(self, *given: Any, probe: Probe | None = None, **named: Any):
         """`probe` are the signals that `measured` gives."""
@@ -122,7 +118,7 @@ class Unexplained(Simulator):
             super().prepare()
             return
         self.solver = Choice("cvodes", "driven by compiled code")
-        tolerances = replace(self.tolerances, rtol=self.share * self.tolerances.rtol, atol=self.share * self.tolerances.atol)
+        tolerances = self.tolerances.scaled(self.share)
         self.driver = CompiledCvodes(self.equations, len(self.sensitivities), self.stops, tolerances, self.most_steps,
                                      self._driving(), self._longest())
 
@@ -312,7 +308,7 @@ class QuickSimulator(Unexplained):
     def _integrator(self) -> Integrator:
         dae, looser = self.integrand.dae, SEARCH_RUNS.one_step_tolerance if self.one_step else 1.0
         solver = "rosenbrock" if self.one_step else "idas" if dae["z"].numel() else "cvodes"
-        tolerances = replace(self.tolerances, rtol=looser * self.tolerances.rtol, atol=looser * self.tolerances.atol)
+        tolerances = self.tolerances.scaled(looser)
         options = {**solver_options(solver, dae, tolerances), "max_num_steps": self.most_steps}
         given: dict[str, Any] = dict(dae)
         if self.looks_up:

@@ -1,4 +1,8 @@
-"""Simulation of a diagram; the default solver `auto`: IDAS, and what is done where it stops.
+"""Simulation of a diagram; the default solver `auto`: CVODES or IDAS, and what is done where they stop.
+
+A diagram without algebraic unknowns is integrated by CVODES. Where that gives up, or has stepped over a point at which a
+coefficient that is divided by vanishes (a volume, an arm), IDAS runs it from its start. IDAS also runs all other diagrams.
+Where it stops:
 
 1. Where algebraic unknowns are pressures of nodes that hold no oil or gas of their own, their balance of flows may have no
    slope (valves that are shut on all sides) or turn its corners faster than any step. Each of these nodes is then given what
@@ -25,10 +29,11 @@ from heavebond.equations.parameters import formula_order
 from heavebond.language.definition import Value
 from heavebond.language.model import Model, ModelOrFile
 from heavebond.language.sections import Condition
-from heavebond.language.symbols import split
+from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Assembly, assemble
 from heavebond.numerics.idas import Tolerances
 from heavebond.numerics.initialise import start
+from heavebond.numerics.pointwise import evaluated
 from heavebond.numerics.result import Result, columns
 from heavebond.numerics.run_verdict import report_verdict
 from heavebond.numerics.simulator import Simulator, Time
@@ -85,8 +90,13 @@ def _run_as_asked(simulator: Simulator, parameters: Mapping[str, float | str] | 
 
 def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | None = None, allow_fmu: bool = False
                 ) -> Result:
-    """A run that changes its equations or its solver where IDAS stops; where nothing helps, the error of the last attempt
+    """A run that changes its equations or its solver where one stops; where nothing helps, the error of the last attempt
     that got as far as integrating filled nodes, else the first."""
+    if simulator.solver.provisional:
+        found, why = _provisional(simulator, parameters)
+        if found is not None:
+            return found
+        simulator.change_to_default(why)
     try:
         return simulator.run(parameters)
     except (StartError, SimulationError) as error:
@@ -111,6 +121,19 @@ def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | No
         return _accepted(again.run(parameters), fills, first)
     except HeavebondError as error:
         raise (error if fills and error.problems[0].code == "integration-failed" else first) from None
+
+
+def _provisional(simulator: Simulator, parameters: Mapping[str, float | str] | None) -> tuple[Result | None, str]:
+    """The run by the solver that `auto` begins with; None where IDAS has to make it, and why."""
+    try:
+        result = simulator.run(parameters)
+    except SimulationError as error:
+        if not _may_help(problem := error.problems[0]):
+            raise
+        return None, problem.message
+    if _passes_zero(result):
+        return None, f"{simulator.solver.name} stepped over a point where what is divided by vanishes"
+    return result, ""
 
 
 def changes_of(result: Result, states: bool = True) -> list[str]:
@@ -151,10 +174,19 @@ def _passes_zero(result: Result) -> bool:
     """Whether a coefficient that is divided by turns its sign along the run, in the states of the diagram's own choice."""
     own = np.ones(len(result.time), bool)
     own[[k for at, _ in result.stays for k in at]] = False
-    if not len(result.assembly.reduced.pivots) or not own.any():
+    varying = result.assembly.once("varying pivots", lambda: _varying_pivots(result.assembly))
+    if varying is None or not own.any():
         return False
-    values = np.array(result.assembly.pivots(*columns(result, np.flatnonzero(own))))
+    values = evaluated(result.assembly, varying, columns(result, np.flatnonzero(own)))
     return bool(((values.min(axis=1) < 0) & (values.max(axis=1) > 0)).any())
+
+
+def _varying_pivots(assembly: Assembly) -> ca.Function | None:
+    """The coefficients (k, 1) that are divided by and may vary along a run; None where all follow from parameters."""
+    whole = assembly.pivots(*assembly.arguments)
+    fixed = {s.element_hash() for s in split(assembly.flat.p)}
+    varying = [c for c in split(whole) if any(s.element_hash() not in fixed for s in ca.symvar(c))]
+    return ca.Function("varying_pivots", list(assembly.arguments), [stack(varying)]) if varying else None
 
 
 def _decides(result: Result, fills: Mapping[str, str]) -> bool:

@@ -23,7 +23,7 @@ from heavebond.numerics.co_simulation import check_allowed
 from heavebond.numerics.dae import Array, Assembly, Factors, Integrand, integrand, newton_loops, substitute_inputs, summed
 from heavebond.numerics.dynamic_state_selection import StateChoice, StateChoices
 from heavebond.numerics.event_constants import EVENTS
-from heavebond.numerics.event_integration import EventIntegration, settled
+from heavebond.numerics.event_integration import EventIntegration, reason, settled
 from heavebond.numerics.failure_messages import Stop, check_decided, explain_failure, stop_times
 from heavebond.numerics.forcing import FORCING, Forcing
 from heavebond.numerics.idas import Idas, caught_errors, is_large
@@ -55,7 +55,8 @@ class Simulator:
                  quadratures: ca.SX | None = None, factors: Factors | None = None, sensitivities: Iterable[str] = (),
                  free_start: bool = False, like: Simulator | None = None, driven: Pieced | None = None,
                  solver: str | None = None, allow_fmu: bool = False):
-        """IDAS integrates where no other `solver` is asked for, whatever the diagram says of its plain runs. `factors`
+        """IDAS integrates where no other `solver` is asked for, whatever the diagram says of its plain runs; `auto` is
+        resolved here (see `chosen`), while what happens where it fails is that of `run_by_auto`. `factors`
         stand in the quadratures; `free_start` adds the states at the first time to the sensitivities (see `run_from`); what
         can be taken from another simulator (`like`) is not made again; `driven` are inputs to be taken instead of the
         records'."""
@@ -109,6 +110,11 @@ class Simulator:
         if self.switching is not None:
             self.switching = self._switching(self.charts)
 
+    def change_to_default(self, why: str) -> None:
+        """Make all further runs by IDAS."""
+        self.solver = Choice(DEFAULT, why)
+        self._renew()
+
     def change_solvers(self) -> None:
         """Change the solver at the last accepted point where one stops, in all further runs (see `EventIntegration`)."""
         self.switching = self._switching(self.charts, changes=True)
@@ -117,7 +123,7 @@ class Simulator:
         def build(name: str, made: Integrand, looks: Looks) -> Integrator:
             most = EVENTS.steps_per_check if looks.limited else EVENTS.steps_in_chart if charts.needed \
                 else EVENTS.steps_ahead if len(looks.times) > 1 else EVENTS.steps_between
-            return integrator(name, made, looks.grid, self.tolerances, most)
+            return integrator(name, made, looks.grid, self.solver.controlled(self.tolerances), most)
 
         return EventIntegration(charts, self._framed, self.integrals, self.stops, self.inputs, build, self.solver.name,
                                 changes)
@@ -167,7 +173,7 @@ class Simulator:
 
     def _integrator(self) -> Integrator:
         """From the first stop to the others."""
-        return integrator(self.solver.name, self.integrand, self.stops, self.tolerances)
+        return integrator(self.solver.name, self.integrand, self.stops, self.solver.controlled(self.tolerances))
 
     def _driven(self, times: Array) -> dict[str, Array]:
         """What drives the integrator between its stops, at times between them."""
@@ -301,6 +307,8 @@ class Simulator:
                 "by many powers of ten. What is rigid is wired to one node.")])
 
     def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
+        if self.solver.provisional:
+            return SimulationError([Problem("solver-gave-up", f"{self.solver.name} gave up: {reason(said)}")])
         if self.solver.name != DEFAULT:
             return self._failure_by_default(assembly, first)
         with caught_errors():  # it integrates again up to there
@@ -386,7 +394,7 @@ class Simulator:
         try:
             _, first, moved = self._started(parameters)
             stops = self.stops[:points + 1]
-            made = integrator(self.solver.name, self.integrand, stops, self.tolerances)
+            made = integrator(self.solver.name, self.integrand, stops, self.solver.controlled(self.tolerances))
             x0, z0, p = self._scaled_start(first, moved)
             began = clock.thread_time()
             with caught_errors():
