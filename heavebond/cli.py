@@ -6,13 +6,15 @@ interrupted by Ctrl-C, 143 by SIGTERM; 141 the reader went away. A run is at fau
 
 from __future__ import annotations
 
+import atexit
 import gc
 import json
 import math
 import os
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, MutableMapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from signal import Signals
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -20,37 +22,9 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from heavebond import __version__
-from heavebond.commands.animate import animate
 from heavebond.commands.arguments import check_writable
-from heavebond.commands.candidates import candidates
-from heavebond.commands.check import check
-from heavebond.commands.check_gradient import check_gradient
-from heavebond.commands.compare import compare
-from heavebond.commands.demo import demo
-from heavebond.commands.diagnose import diagnose
-from heavebond.commands.draw import draw
-from heavebond.commands.energy import energy
-from heavebond.commands.errors import errors
-from heavebond.commands.export import export
-from heavebond.commands.fit import fit
-from heavebond.commands.import_model import import_model
-from heavebond.commands.library import library
-from heavebond.commands.linear import linear
-from heavebond.commands.localize import localize
-from heavebond.commands.modes import modes
-from heavebond.commands.new import new
-from heavebond.commands.plot import plot
 from heavebond.commands.progress_lines import progress_lines
-from heavebond.commands.run import run
-from heavebond.commands.schema import schema
-from heavebond.commands.sensitivity import sensitivity
-from heavebond.commands.signal import signal
-from heavebond.commands.studio import studio
-from heavebond.commands.study import study
-from heavebond.commands.sweep import sweep
 from heavebond.commands.terminal import PIPE_CLOSED, print_problems, warn
-from heavebond.commands.try_effect import try_effect
-from heavebond.commands.tune import tune
 from heavebond.core.cancellation import WORDS, clear_signal, is_interrupt, last_heard
 from heavebond.core.cancellation import listening as signals_heard
 from heavebond.core.errors import HeavebondError, Problem, UsageError, suggest
@@ -59,6 +33,11 @@ from heavebond.core.writable import write_text
 if TYPE_CHECKING:
     from heavebond.numerics.run_verdict import Verdict
 
+# the commands, each the function of that name in its module of `heavebond.commands`, where not named otherwise
+NAMES = ("check", "draw", "run", "plot", "animate", "compare", "fit", "localize", "candidates", "try", "diagnose", "errors",
+         "tune", "study", "sweep", "signal", "modes", "linear", "energy", "sensitivity", "check-gradient", "library", "demo",
+         "export", "import", "schema", "new", "studio")
+FUNCTIONS = {"try": "try_effect", "check-gradient": "check_gradient", "import": "import_model"}
 # other names of commands, and former names of their options, which warn
 ALIASES = {"where": "localize", "ladder": "errors"}
 FORMER_OPTIONS = {"plot": {"--to": "--until"}, "sweep": {"--to": "--until"}, "signal": {"--to": "--until"},
@@ -66,6 +45,35 @@ FORMER_OPTIONS = {"plot": {"--to": "--until"}, "sweep": {"--to": "--until"}, "si
                   "diagnose": {"--auto": "--steps=5"}}
 SERVING = ("studio",)  # commands that go on until they are ended: no lines of progress
 FINE, AT_FAULT, WRONG_USAGE, OWN_FAULT, SIGNALLED = 0, 1, 2, 70, 128
+
+
+class CommandTable(MutableMapping[str, click.Command]):
+    """The commands by name, each imported when it is looked up."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, click.Command | None] = dict.fromkeys(NAMES)
+
+    def __getitem__(self, name: str) -> click.Command:
+        known = self._known[name]
+        if known is None:
+            function = FUNCTIONS.get(name, name)
+            self._known[name] = known = getattr(import_module(f"heavebond.commands.{function}"), function)
+        return known
+
+    def __setitem__(self, name: str, command: click.Command) -> None:
+        self._known[name] = command
+
+    def __delitem__(self, name: str) -> None:
+        del self._known[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._known)
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._known
 
 
 class Commands(click.Group):
@@ -82,9 +90,11 @@ class Commands(click.Group):
         return super().resolve_command(ctx, args)
 
     def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, *_: Any, **__: Any) -> NoReturn:
-        # most objects of a command live as long as it does; at Python's own 700 a run spends a twentieth of its time on them,
-        # at 20 000 still a fortieth
+        # most objects of a command live as long as it does; at Python's own 700 a run spends a twentieth of its time on
+        # them, at 20 000 still a fortieth
         gc.set_threshold(100_000, 5, 2)
+        # at its end Python looks for cycles in all objects, those of CasADi among them: a tenth of a run for nothing
+        atexit.register(gc.freeze)
         # before NumPy is imported: small matrices are not split over processors (see core.threads)
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         with signals_heard():
@@ -276,16 +286,11 @@ def _forget_output() -> None:
     os.dup2(nowhere, sys.stdout.fileno())
 
 
-@click.group("heavebond", cls=Commands, context_settings={"help_option_names": ["-h", "--help"]}, no_args_is_help=True)
+@click.group("heavebond", cls=Commands, commands=CommandTable(), no_args_is_help=True,
+             context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="heavebond")
 def main() -> None:
     """Model machines from diagrams, simulate them and compare them with measurements.
 
     Exit codes: 0 fine, 1 the model or the data is at fault, 2 wrong usage, 70 a fault of heavebond itself.
     """
-
-
-for _command in (check, draw, run, plot, animate, compare, fit, localize, candidates, try_effect, diagnose, errors, tune,
-                 study, sweep, signal, modes, linear, energy, sensitivity, check_gradient, library, demo, export,
-                 import_model, schema, new, studio):
-    main.add_command(_command)

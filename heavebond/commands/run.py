@@ -61,17 +61,17 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     from heavebond.language.model import load
     from heavebond.numerics.run_verdict import report_verdict
     from heavebond.numerics.simulation import changes_of, simulate
-    from heavebond.numerics.simulator import Tolerances
     from heavebond.numerics.validity import without_value
-    from heavebond.optimise.verification import verify
-    from heavebond.records.saved_runs import SUFFIXES
     from heavebond.text.expression import names as names_in
 
     if plotted and output is None:
         output = Path(re.sub(r"\W+", "_", Path(model).stem) + ".png")
     check_picture(output)
-    for path in saved:
-        check_writable(path, SUFFIXES)
+    if saved:
+        from heavebond.records.saved_runs import SUFFIXES
+
+        for path in saved:
+            check_writable(path, SUFFIXES)
     with blamed_on_settings(settings):
         loaded = with_settings(load(model), settings)
         formulas = read_signals("--plot", plotted, loaded)
@@ -100,6 +100,9 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
             "outputs": figures, "events": [{"time": time, "name": name} for time, name in result.events],
             "files": list(map(str, files)), "statistics": statistics}
     if verified:
+        from heavebond.numerics.simulator import Tolerances
+        from heavebond.optimise.verification import verify
+
         with blamed_on_settings(settings), terminal.working("repeating with tighter tolerances and narrower transitions"):
             found = verify(result, names, [n.text for f in formulas.values() for n in names_in(f)], Tolerances(rtol), within)
         _tell(found, told)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Iterator
 from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 from heavebond.core.errors import ModelError, Place, Problem, Problems, either
@@ -28,10 +28,16 @@ HEAD_BYTES = 400
 _EFFECT = re.compile(r"""^["']?effect["']?[ \t]*:""", re.MULTILINE)
 
 
+@cache
 def bundled(folder: str) -> Path:
     """Where `components` and `models` lie: inside an installed package, beside it in a working copy."""
     inside = Path(__file__).parents[1] / folder
     return inside if inside.is_dir() else Path(__file__).parents[2] / folder
+
+
+@cache
+def _resolved(folder: str) -> Path:
+    return bundled(folder).resolve()
 
 
 OwnFunction = tuple[str, Path, tuple[int, int]]  # name, file, its time and size
@@ -214,7 +220,7 @@ def _stamp(path: Path) -> tuple[int, int]:
 
 def is_bundled(path: Path) -> bool:
     """Whether a file came with heavebond."""
-    return any(path.resolve().is_relative_to(bundled(folder).resolve()) for folder in ("components", "models"))
+    return any(path.resolve().is_relative_to(_resolved(folder)) for folder in ("components", "models"))
 
 
 def example(component: Component) -> Path | None:
@@ -378,7 +384,7 @@ def shown_path(path: Path) -> str:
     """A file as messages name it: `components/...` and `models/...` for what is bundled."""
     resolved = path.resolve()
     for folder in ("components", "models"):
-        root = bundled(folder).resolve()
+        root = _resolved(folder)
         if root in resolved.parents:
             return f"{folder}/{resolved.relative_to(root)}"
     return short_path(path)

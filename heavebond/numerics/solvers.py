@@ -2,11 +2,11 @@
 
 `auto`, the default of plain runs, takes CVODES for x' = f and IDAS for x' = f, 0 = g, and changes where they stop (see
 `simulation`). `idas` (variable-order BDF for x' = f, 0 = g) takes every diagram. `cvodes` is the same family of methods for
-x' = f alone: fewer evaluations and less bookkeeping a step, and its Newton iteration ends at a tenth of the error test
-where that of IDAS ends at a third, which can keep IDAS at order 1: its error test then rejects every second step. `rosenbrock` is a one-step method of order 5 (linearly implicit, L-stable), compiled to machine
-code before its first step, since interpreted it is slower than IDAS; it pays where one grid of times is run often. C. W.
-Gear, 1971; A. C. Hindmarsh et al., SUNDIALS, 2005, doi:10.1145/1089014.1089020; E. Hairer and G. Wanner, Solving Ordinary
-Differential Equations II, 1996, IV.7.
+x' = f alone: fewer evaluations and less bookkeeping a step, and its Newton iteration ends at a tenth of the error test. That
+of IDAS ends at a third, which can keep it at order 1, where its error test rejects every second step. `rosenbrock` is a
+one-step method of order 5 (linearly implicit, L-stable), compiled to machine code before its first step, since interpreted
+it is slower than IDAS; it pays where one grid of times is run often. C. W. Gear, 1971; A. C. Hindmarsh et al., SUNDIALS,
+2005, doi:10.1145/1089014.1089020; E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, 1996, IV.7.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from heavebond.numerics.machine_code import COMPILERS, MACHINE_CODE, Evaluated, 
 DEFAULT = "idas"
 OUTPUTS = ("xf", "zf")
 AUTO = "auto"
-# Share of the asked tolerances with which CVODES takes the place of IDAS. At a tenth its errors were at most those of IDAS in
-# 95 % of 168 bundled diagrams (median 0.28 of them, in 1.05 of the time); at a third they were up to 30 times as large.
+# Share of the asked tolerances with which CVODES takes the place of IDAS. At a tenth its errors were at most those of IDAS
+# in 95 % of 168 bundled diagrams (median 0.28 of them, in 1.05 of the time); at a third they were up to 30 times as large.
 CVODES_SHARE = 0.1
 STRICT = "idas_strict"  # IDAS with its algebraic unknowns under error control, to which `auto` changes
 FLAGS = ("-O2",)  # of the whole method: a tenth faster than -O1 for two thirds more time to compile; -O3 gains nothing
