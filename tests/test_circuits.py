@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.numerics.simulator import grid
+from heavebond.numerics.output_times import grid
 
 FOLDER = Path(__file__).parents[1] / "models" / "circuits"
 G, BAR, LPM = 9.81, 1e5, 1e-3 / 60

@@ -27,8 +27,9 @@ from heavebond.linear.operating_point import OperatingPoints, stuck
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.initialise import Start, start
 from heavebond.numerics.inputs import pieced
+from heavebond.numerics.output_times import grid
 from heavebond.numerics.result import Result
-from heavebond.numerics.simulator import Simulator, grid
+from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.validity import at_point
 from heavebond.pictures.bond_picture import draw_bond_graph
 from heavebond.reports.summary import summary

@@ -278,7 +278,7 @@ def _start(assembly: Assembly) -> tuple[Start, Point]:
     from heavebond.linear.linearisation import start_point
     from heavebond.numerics.initialise import start
     from heavebond.numerics.inputs import pieced
-    from heavebond.numerics.simulator import grid
+    from heavebond.numerics.output_times import grid
 
     if not assembly.flat.inputs:
         begun = start(assembly)

@@ -280,7 +280,7 @@ def _step_times(channel: StateSpace, until: str | None) -> Array:
     """Times (N,) in s on which a step has settled, or as long as asked for."""
     import numpy as np
 
-    from heavebond.numerics.simulator import seconds
+    from heavebond.numerics.output_times import seconds
 
     if until is not None:
         return np.linspace(0, seconds(until, "--until"), 1001)

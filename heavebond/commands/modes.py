@@ -77,7 +77,7 @@ def _modes(assembly: Assembly, point: Point, slowest: int | None, at: str) -> tu
     from heavebond.linear.linearisation import Linearisation
     from heavebond.linear.slow_modes import SLOW_MODES, slow_modes
     from heavebond.linear.stability import UNSTABLE
-    from heavebond.numerics.simulator import grid
+    from heavebond.numerics.output_times import grid
 
     linearisation, model = Linearisation(assembly), assembly.model
     if slowest is None and len(assembly.state_names) <= SLOW_MODES.max_all:

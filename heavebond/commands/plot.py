@@ -31,7 +31,7 @@ def plot(files: tuple[str, ...], signals: tuple[str, ...], columns: tuple[str, .
     bundled one) whose record is drawn as dots, or a record of which --column says what is in it.
     """
     from heavebond.commands import terminal
-    from heavebond.numerics.simulator import seconds
+    from heavebond.numerics.output_times import seconds
     from heavebond.pictures.overlay import common_signals, read_column, read_overlay
 
     check_picture(output)

@@ -49,7 +49,7 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, until: str | 
     are counted by the rainflow method (ASTM E1049-85), the equivalent range is that of one cycle a second.
     """
     from heavebond.commands import terminal
-    from heavebond.numerics.simulator import seconds
+    from heavebond.numerics.output_times import seconds
     from heavebond.records.signal_files import read_courses
     from heavebond.records.spectra import SignalAnalysis
 

@@ -35,10 +35,11 @@ from heavebond.equations.flatten import Energetics
 from heavebond.language.model import ModelOrFile
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.numerics.output_times import Time
 from heavebond.numerics.result import Result
 from heavebond.numerics.run_verdict import report_verdict, verdict
 from heavebond.numerics.simulation import run_by_auto
-from heavebond.numerics.simulator import Simulator, Time, Tolerances
+from heavebond.numerics.simulator import Simulator, Tolerances
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -26,8 +26,9 @@ from heavebond.estimation.diagram_files import extended_from
 from heavebond.language.model import Model, ModelOrFile, extended, loaded
 from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, assemble
+from heavebond.numerics.output_times import Time
 from heavebond.numerics.result import Result
-from heavebond.numerics.simulator import Simulator, Time
+from heavebond.numerics.simulator import Simulator
 from heavebond.text.yaml_source import parse
 
 STILL = 1e-9  # a share of activity below this is rounding

@@ -14,7 +14,7 @@ from heavebond.core.quoting import c_comment
 from heavebond.core.writable import write_text
 from heavebond.exchange.portable import Portable, Quantity, portable
 from heavebond.language.model import Model
-from heavebond.numerics.simulator import grid
+from heavebond.numerics.output_times import grid
 
 LONGEST_NAME = 60  # of what all names begin with; C99 tells 63 characters apart at least
 SOURCES = Path(__file__).parents[1] / "c"

@@ -15,7 +15,7 @@ from heavebond import __version__
 from heavebond.core.quoting import xml_text
 from heavebond.core.units import Unit
 from heavebond.exchange.portable import Portable, Quantity, derived
-from heavebond.numerics.simulator import grid
+from heavebond.numerics.output_times import grid
 
 STRUCTURED = re.compile(r"(der\()*[A-Za-z_]\w*(\[[0-9]+\])?(\.[A-Za-z_]\w*(\[[0-9]+\])?)*\)*")
 

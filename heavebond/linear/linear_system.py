@@ -27,8 +27,8 @@ from heavebond.linear.linearisation import Linear, Linearisation
 from heavebond.linear.operating_point import OperatingPoints
 from heavebond.linear.stability import Stability, eigenvalues, stability
 from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.output_times import Time
 from heavebond.numerics.result import unknown_signal
-from heavebond.numerics.simulator import Time
 from heavebond.numerics.start_equations import Point
 from heavebond.text.expression import ExpressionProblem, names
 

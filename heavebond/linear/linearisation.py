@@ -27,8 +27,8 @@ from heavebond.linear.stability import Stability, stability, with_zeros
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start, start, tangent
 from heavebond.numerics.inputs import pieced
+from heavebond.numerics.output_times import grid
 from heavebond.numerics.result import signal_expression
-from heavebond.numerics.simulator import grid
 from heavebond.numerics.sparse_jacobian import jacobian
 from heavebond.numerics.start_equations import Point, StartEquations
 

@@ -29,7 +29,7 @@ from heavebond.linear import loop_crossings as crossing
 from heavebond.linear.linear_system import StateSpace, StateSpaces, spread
 from heavebond.linear.stability import MARGINAL, STABLE, UNSTABLE, Stability
 from heavebond.numerics.dae import Array
-from heavebond.numerics.simulator import Time, seconds
+from heavebond.numerics.output_times import Time, seconds
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,9 @@ from heavebond.linear.disturbance import disturbed, quiet
 from heavebond.linear.linearisation import start_point
 from heavebond.numerics.dae import Array, Assembly, build
 from heavebond.numerics.initialise import start
+from heavebond.numerics.output_times import Time, grid, seconds
 from heavebond.numerics.result import columns
-from heavebond.numerics.simulator import Simulator, Time, grid, seconds
+from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.start_equations import Point, StartEquations
 from heavebond.text.expression import Call, Expr, FunctionCall, children, inside, names
 

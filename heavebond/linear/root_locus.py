@@ -17,7 +17,7 @@ from heavebond.linear.linearisation import Linear, Linearisation
 from heavebond.linear.operating_point import OperatingPoints
 from heavebond.linear.stability import Stability, eigenvalues
 from heavebond.numerics.dae import Array
-from heavebond.numerics.simulator import Time
+from heavebond.numerics.output_times import Time
 
 POINTS = 81
 

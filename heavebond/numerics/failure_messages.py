@@ -63,8 +63,12 @@ def explain_failure(stop: Stop, first: Start, said: str, rtol: float) -> Simulat
     words = [line for line in said.splitlines() if "IDA" in line or "SUNDIALS" in line.upper()]
     solver = re.findall(r"IDA_[A-Z_]+", said)
     notes.append("IDAS said: " + (", ".join(dict.fromkeys(solver)) or (words[0][:160] if words else "nothing")))
-    when = f" at t = {stopped:.6g} s" if np.isfinite(stopped) else ""
-    return SimulationError([Problem("integration-failed", f"the integration stopped{when}", None, hint, tuple(notes))])
+    return SimulationError([Problem("integration-failed", stop_message(stopped), None, hint, tuple(notes))])
+
+
+def stop_message(t: float) -> str:
+    """That the integrator gave up at time t (s, NaN if it did not say)."""
+    return "the integration stopped" + (f" at t = {t:.6g} s" if np.isfinite(t) else "")
 
 
 def check_decided(result: Result, at: NDArray[np.intp], slopes: ca.Function) -> None:

@@ -32,11 +32,12 @@ from heavebond.language.sections import Condition
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Assembly, assemble
 from heavebond.numerics.idas import Tolerances
-from heavebond.numerics.initialise import start
+from heavebond.numerics.initialise import Start, start
+from heavebond.numerics.output_times import Time
 from heavebond.numerics.pointwise import evaluated
 from heavebond.numerics.result import Result, columns
 from heavebond.numerics.run_verdict import report_verdict
-from heavebond.numerics.simulator import Simulator, Time
+from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.solvers import RETYPE
 from heavebond.text.expression import Number
 
@@ -92,6 +93,14 @@ def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | No
                 ) -> Result:
     """A run that changes its equations or its solver where one stops; where nothing helps, the error of the last attempt
     that got as far as integrating filled nodes, else the first."""
+    simulator.explains = False  # what helps needs no reason
+    try:
+        return _changed_where_it_stops(simulator, parameters, allow_fmu)
+    finally:
+        simulator.explains = True
+
+
+def _changed_where_it_stops(simulator: Simulator, parameters: Mapping[str, float | str] | None, allow_fmu: bool) -> Result:
     if simulator.solver.provisional:
         found, why = _provisional(simulator, parameters)
         if found is not None:
@@ -104,23 +113,29 @@ def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | No
             raise
         first = error
     assembly = simulator.assembly.with_parameters(parameters) if parameters else simulator.assembly
-    again, fills = simulator, unfilled(assembly)
-    if isinstance(first, StartError) and not fills:
-        raise first
+    fills = unfilled(assembly)
+    if not fills:
+        reasoned = simulator.explained(first)
+        if isinstance(first, StartError):
+            raise reasoned
+        simulator.change_solvers()
+        try:
+            return _accepted(simulator.run(parameters), fills, first)
+        except HeavebondError:
+            raise reasoned from None
     try:
-        if fills:
-            again = type(simulator)(filled(assembly, fills), times=simulator.time, tolerances=simulator.tolerances,
-                                    sensitivities=simulator.parameters, allow_fmu=allow_fmu)
-            parameters = None
-            try:
-                return _accepted(again.run(), fills, first)
-            except SimulationError as error:
-                if not _may_help(error.problems[0]):
-                    raise
+        again = type(simulator)(filled(assembly, fills, simulator.begun), times=simulator.time,
+                                tolerances=simulator.tolerances, sensitivities=simulator.parameters, allow_fmu=allow_fmu)
+        try:
+            return _accepted(again.run(), fills, first)
+        except SimulationError as error:
+            if not _may_help(error.problems[0]):
+                raise
         again.change_solvers()
-        return _accepted(again.run(parameters), fills, first)
+        return _accepted(again.run(), fills, first)
     except HeavebondError as error:
-        raise (error if fills and error.problems[0].code == "integration-failed" else first) from None
+        failed = error is not first and error.problems[0].code == "integration-failed"
+        raise (error if failed else simulator.explained(first)) from None
 
 
 def _provisional(simulator: Simulator, parameters: Mapping[str, float | str] | None) -> tuple[Result | None, str]:
@@ -130,7 +145,7 @@ def _provisional(simulator: Simulator, parameters: Mapping[str, float | str] | N
     except SimulationError as error:
         if not _may_help(problem := error.problems[0]):
             raise
-        return None, problem.message
+        return None, f"{simulator.solver.name} gave up: {', '.join(problem.notes) or problem.message}"
     if _passes_zero(result):
         return None, f"{simulator.solver.name} stepped over a point where what is divided by vanishes"
     return result, ""
@@ -213,10 +228,11 @@ def unfilled(assembly: Assembly) -> dict[str, str]:
     return found
 
 
-def filled(assembly: Assembly, nodes: Mapping[str, str]) -> Assembly:
-    """The assembly of the diagram with its nodes filled; their pressures begin where they stood at the start."""
+def filled(assembly: Assembly, nodes: Mapping[str, str], begun: Start | None = None) -> Assembly:
+    """The assembly of the diagram with its nodes filled; their pressures begin where they stood at the start (where the run
+    has `begun`, if known), as far as there is one."""
     flat = assembly.flat
-    model = _with_guesses(assembly, nodes)
+    model = _with_guesses(assembly, nodes, begun)
     for k, (node, domain) in enumerate(nodes.items(), 1):
         fills = model.library.domains[domain].fills
         assert fills is not None
@@ -226,11 +242,11 @@ def filled(assembly: Assembly, nodes: Mapping[str, str]) -> Assembly:
     return replace(made, p=np.array([known.get(name, value) for name, value in made.parameter_values.items()]))
 
 
-def _with_guesses(assembly: Assembly, nodes: Mapping[str, str]) -> Model:
+def _with_guesses(assembly: Assembly, nodes: Mapping[str, str], begun: Start | None) -> Model:
     """The diagram with the pressures of its nodes at the start as guesses, as far as there is one."""
     model, flat = assembly.model, assembly.flat
     try:
-        point = start(assembly)
+        point = begun or start(assembly)
     except StartError:
         return model
     u = np.zeros(assembly.arguments[4].numel())

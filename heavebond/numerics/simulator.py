@@ -14,17 +14,14 @@ from numpy.typing import NDArray
 
 from heavebond.core.cancellation import check
 from heavebond.core.errors import HeavebondError, Problem, SimulationError, UsageError
-from heavebond.core.limits import OUTPUT_POINTS, RATE
-from heavebond.core.quantities import si_value
+from heavebond.core.limits import RATE
 from heavebond.equations.buffered import Buffered
-from heavebond.language.definition import Value
-from heavebond.language.model import Model
 from heavebond.numerics.co_simulation import check_allowed
 from heavebond.numerics.dae import Array, Assembly, Factors, Integrand, integrand, newton_loops, substitute_inputs, summed
 from heavebond.numerics.dynamic_state_selection import StateChoice, StateChoices
 from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.event_integration import EventIntegration, reason, settled
-from heavebond.numerics.failure_messages import Stop, check_decided, explain_failure, stop_times
+from heavebond.numerics.failure_messages import Stop, check_decided, explain_failure, stop_message, stop_times
 from heavebond.numerics.forcing import FORCING, Forcing
 from heavebond.numerics.idas import Idas, caught_errors, is_large
 from heavebond.numerics.idas import Tolerances as Tolerances  # a part of this module's interface
@@ -32,16 +29,14 @@ from heavebond.numerics.initialise import Start, Tangent, start, tangent
 from heavebond.numerics.inputs import Pieced, pieced
 from heavebond.numerics.jumps import EventEquations
 from heavebond.numerics.looks import Looks
+from heavebond.numerics.output_times import Time, grid
 from heavebond.numerics.result import ForwardSensitivities, Result, Stayed
 from heavebond.numerics.solvers import DEFAULT, RETYPE, Choice, Explicit, Integrator, algebraic_left, chosen, integrator
 from heavebond.numerics.start_equations import Point, StartEquations
 from heavebond.numerics.trace import Frame, Trace
-from heavebond.text.expression import constant
 
-Time = float | str
 ASIDE = 1e-3  # of each state's nominal size: how far from the start its stiffness is felt
 COUNTED = ("nsteps", "nfevals", "netfails", "equations")  # of an integration, in the statistics of a run
-POINTS = 1000  # output points where nothing is said
 MANY_POINTS = 10_000  # output points from which on a single run may be long enough to be compiled
 LOOKED_AT = 0.02  # share of a single run that is integrated beforehand, to find out how long it will take
 
@@ -195,11 +190,13 @@ class Simulator:
         with self._turn:
             return self._result(*self._started(parameters), began)
 
+    begun: Start | None = None  # where the last run began
+
     def _started(self, parameters: Mapping[str, float | str] | None) -> tuple[Assembly, Start, Tangent | None]:
         """The equations with these parameters, their start, and how it moves along the sensitivities."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         u = self.pieces.at(np.array([self.time[0]]))[:, 0]
-        first = start(assembly, float(self.time[0]), u, self.start_equations)
+        first = self.begun = start(assembly, float(self.time[0]), u, self.start_equations)
         return assembly, first, tangent(self.start_equations, first, u, self.along) if self.sensitivities else None
 
     def run_from(self, x: Array, parameters: Mapping[str, float | str] | None = None) -> Result:
@@ -291,7 +288,11 @@ class Simulator:
             check()
             if "KeyboardInterrupt" in said:  # CasADi makes it a failure of the right side
                 raise KeyboardInterrupt
-            raise self._failure(assembly, first, failed + "\n" + said)
+            said = failed + "\n" + said
+            stopped = SimulationError([Problem("integration-failed", stop_message(self._stop_time(stop_times(said))),
+                                               notes=(reason(said),))])
+            self._unexplained = stopped, assembly, first, said
+            raise self.explained(stopped) if self.explains else stopped
         return found
 
     def _check_rates(self, assembly: Assembly, first: Start) -> None:
@@ -306,21 +307,31 @@ class Simulator:
                 f"start; up to {RATE:g} can be integrated", None, "Look for a stiffness, a gain or a mass out of range "
                 "by many powers of ten. What is rigid is wired to one node.")])
 
-    def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
-        if self.solver.provisional:
-            return SimulationError([Problem("solver-gave-up", f"{self.solver.name} gave up: {reason(said)}")])
+    explains = True  # whether the reason is looked for as soon as a run fails: it takes further runs
+    _unexplained: tuple[SimulationError, Assembly, Start, str] | None = None  # the last
+
+    def explained(self, error: HeavebondError) -> HeavebondError:
+        """An error of the last run with its reason, where that was not looked for."""
+        if self._unexplained is None or self._unexplained[0] is not error:
+            return error
+        _, assembly, first, said = self._unexplained
         if self.solver.name != DEFAULT:
             return self._failure_by_default(assembly, first)
         with caught_errors():  # it integrates again up to there
             return explain_failure(self._stop(assembly, first, stop_times(said)), first, said, self.tolerances.rtol)
 
+    def _stop_time(self, times: list[float]) -> float:
+        """When the integrator gave up (s; NaN if it did not say), by the times that it named."""
+        if self.switching is None or self.switching.last is None:
+            return max(times) if times else float("nan")
+        return self.switching.last.time(times[-1]) if times else self.switching.last.begin.t
+
     def _stop(self, assembly: Assembly, first: Start, times: list[float]) -> Stop:
         """Where the integrator gave up, and the state shortly before."""
-        stopped = max(times) if times else float("nan")
+        stopped = self._stop_time(times)
         if self.switching is None or self.switching.last is None:
             return Stop(assembly, stopped, self._state_before(assembly, first, stopped))
         stretch = self.switching.last
-        stopped = stretch.time(times[-1]) if times else stretch.begin.t
         last, frame = self.switching.before(stretch, stopped), stretch.begin.frame
         return Stop(frame.assembly, stopped, last, frame.chart.folded(last))
 
@@ -422,37 +433,3 @@ def _directions(assembly: Assembly, names: tuple[str, ...], weight: float) -> Ar
         assembly.with_parameters({name: 0.0})  # says what is wrong with a name that cannot be set
         along[index[name], column] = weight * (abs(assembly.p[index[name]]) or 1.0)
     return along
-
-
-def grid(model: Model, until: Time | None, every: Time | None) -> Array:
-    """Output times from 0 to the end, the end included; UsageError where they make no sense."""
-    end = seconds(until, "until") if until is not None else _from_model(model.until)
-    if end is None:
-        raise UsageError([Problem("until-missing", "it is not said how long to simulate", None,
-                                  "Give `--until '60 s'`, or `simulate: {until: 60 s}` in the diagram.")])
-    step = seconds(every, "every") if every is not None else _from_model(model.every)
-    step = end / POINTS if step is None else step
-    if not end > 0 or not step > 0:
-        raise UsageError([Problem("time-not-positive", f"until ({end:g} s) and every ({step:g} s) must be above 0")])
-    if step > end * (1 + 1e-9):
-        raise UsageError([Problem(
-            "every-too-long", f"every ({step:g} s) is longer than until ({end:g} s): there would be no output point between "
-            "the start and the end", None,
-            f"Make `every` shorter, or `until` longer; `every` of {end:g} s gives the two ends alone.")])
-    wanted = end / step * (1 + 1e-12)
-    if not wanted <= OUTPUT_POINTS:
-        raise UsageError([Problem("too-many-points", f"every {step:g} s until {end:g} s makes {wanted:.3g} output points; "
-                                  f"the most is {OUTPUT_POINTS}", None, f"Make `every` {end / OUTPUT_POINTS:.3g} s or "
-                                  "longer, or `until` shorter.")])
-    number = int(np.floor(wanted))
-    times = np.arange(number + 1) * step
-    return np.asarray(times if end - times[-1] < 1e-9 * end else np.append(times, end))
-
-
-def seconds(given: Time, what: str) -> float:
-    """A time in s from a number or a text such as `2 min`; UsageError that begins with `what` for anything else."""
-    return si_value(given, "s", what)
-
-
-def _from_model(value: Value | None) -> float | None:
-    return None if value is None else constant(value.expr)

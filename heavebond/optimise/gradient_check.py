@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.progress import Progress
 from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.output_times import Time
 from heavebond.numerics.result import Probe, Result
-from heavebond.numerics.simulator import Simulator, Time, Tolerances
+from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.optimise.adjoint import Adjoint
 from heavebond.optimise.influence import in_chunks
 from heavebond.optimise.kinks import KinkCrossing, Kinks

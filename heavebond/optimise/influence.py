@@ -20,8 +20,9 @@ from heavebond.core.errors import Problem, UsageError, listing
 from heavebond.core.progress import Progress
 from heavebond.core.units import Unit
 from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.output_times import Time
 from heavebond.numerics.result import Probe
-from heavebond.numerics.simulator import Simulator, Time
+from heavebond.numerics.simulator import Simulator
 
 MOST = 60  # parameters, where none are named
 AT_ONCE = 6  # sensitivities a run: beyond it the Jacobian grows faster than runs are saved

@@ -17,8 +17,9 @@ from heavebond.linear.describing_function import slopes_over
 from heavebond.linear.linearisation import ModesAtStart
 from heavebond.linear.rest_stability import STABLE, OperatingPointStability, RestStability
 from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.output_times import Time, grid, seconds
 from heavebond.numerics.result import Result
-from heavebond.numerics.simulator import Simulator, Time, Tolerances, grid, seconds
+from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.optimise.adjoint import CHARTS, Adjoint
 from heavebond.optimise.costs import Cost, Evaluator, read_cost, read_limit
 from heavebond.optimise.sampled_values import SAMPLED

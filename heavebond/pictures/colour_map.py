@@ -21,9 +21,9 @@ from heavebond.energy.audit import port_powers
 from heavebond.equations.expanded import Expanded
 from heavebond.language.model import Model
 from heavebond.numerics.dae import Array, assemble
+from heavebond.numerics.output_times import Time, seconds
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulation import simulate
-from heavebond.numerics.simulator import Time, seconds
 
 POWER, MEAN, PEAK = "power", "mean", "peak"
 SCALE = ("#9fb4c7", "#e0b13c", "#d9601f", "#a30d12", "#4d0012")  # from little to much

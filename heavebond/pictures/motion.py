@@ -22,9 +22,10 @@ from heavebond.language.reading import add_expression_problem
 from heavebond.language.symbols import stack
 from heavebond.language.view import WIDE, ViewShape
 from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.numerics.output_times import Time
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulation import simulate
-from heavebond.numerics.simulator import Simulator, Time
+from heavebond.numerics.simulator import Simulator
 from heavebond.text.expression import Call, Expr, ExpressionProblem, children, names
 
 RATE, LEAST_FRAMES, MOST_FRAMES = 25.0, 500, 3000  # pictures a second, and of a whole run

@@ -32,9 +32,9 @@ from heavebond.language.symbols import stack
 from heavebond.language.template import template
 from heavebond.linear.modal_values import NUMBERS
 from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.numerics.output_times import grid
 from heavebond.numerics.quick_simulation import CaseSimulator
 from heavebond.numerics.result import Result
-from heavebond.numerics.simulator import grid
 from heavebond.optimise.costs import Evaluator, read_cost
 from heavebond.studies.axes import Level, StudyCase, changed
 from heavebond.studies.study import Study

@@ -23,10 +23,10 @@ from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.idas import Tolerances
 from heavebond.numerics.initialise import start
 from heavebond.numerics.inputs import pieced
+from heavebond.numerics.output_times import grid
 from heavebond.numerics.quick_simulation import QuickSimulator
 from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.simulation import changes_of, simulate
-from heavebond.numerics.simulator import grid
 from heavebond.pictures.animation import packed
 from heavebond.pictures.drawing import draw_expanded, symbol_picture
 from heavebond.pictures.motion import animate
