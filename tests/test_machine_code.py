@@ -56,7 +56,7 @@ def test_a_single_run_that_is_long_enough_is_compiled_before_it(eager: Path, nam
     assembly = hb.assemble(hb.load(name))
     long, short = (hb.simulate(assembly, 10.0, every=every) for every in (1e-3, 1e-2))
     assert (long.statistics["equations"], short.statistics["equations"]) == ("machine code", "list of operations")
-    usual = hb.Simulator(assembly, 10.0, every=1e-3).run()
+    usual = hb.Simulator(assembly, 10.0, every=1e-3, solver="auto").run()
     assert usual.statistics["equations"] == "list of operations"
     assert np.array_equal(long.x, usual.x) and np.array_equal(long.z, usual.z)
     assert long.statistics["nsteps"] == usual.statistics["nsteps"]
