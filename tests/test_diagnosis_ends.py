@@ -95,6 +95,14 @@ def test_a_limit_of_the_parameter_is_a_value_like_any_other(tmp_path: Path) -> N
     assert line.startswith("directional_friction.F_n = 0 N: ") and "more of its kind" not in line
 
 
+def test_an_effect_that_does_not_show_is_not_said_to_be_there() -> None:
+    """Its interval covers its whole range, as that of an effect does whose size the records do not tell."""
+    finding: Any = SimpleNamespace(at_limits=(), parameters=(), beyond=(), undetermined=("brake.F_m",))
+    assert verdict.at_ends(finding)[0].startswith("The records show that the effect is there but not how large it is")
+    (line,) = verdict.at_ends(finding, shown=False)
+    assert line == "The records do not show how large the effect is: brake.F_m may lie anywhere in the range."
+
+
 def test_only_rivals_that_explain_as_much_as_the_answer_are_not_excluded() -> None:
     """Three candidates whose search stopped at an end of a range: one as good as the answer but for 3 % of the misfit, one
     that leaves twice as much as the answer, one that explains half."""

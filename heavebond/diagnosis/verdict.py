@@ -155,8 +155,8 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
     return tuple(lines)
 
 
-def at_ends(finding: AddedEffect) -> list[str]:
-    """What it means that numbers of an effect stand at an end of their range."""
+def at_ends(finding: AddedEffect, shown: bool = True) -> list[str]:
+    """What it means that numbers of an effect stand at an end of their range; `shown`: the records show the effect itself."""
     limits = {p.name for p in finding.at_limits}
     other = [p.name for p in finding.parameters if p.ended and p.name not in limits and p.name not in finding.beyond]
     several = len(finding.beyond) > 1
@@ -173,8 +173,8 @@ def at_ends(finding: AddedEffect) -> list[str]:
         lines.append(f"{listing(f'{p.name} = {readable(p.value, p.unit, 3)}' for p in finding.at_limits)}: the law is "
                      "fitted best at this limit of the parameter.")
     if finding.undetermined:
-        lines.append("The records show that the effect is there but not how large it is: "
-                     f"{listing(finding.undetermined)} may lie anywhere in the range.")
+        how = "show that the effect is there but not how large it is" if shown else "do not show how large the effect is"
+        lines.append(f"The records {how}: {listing(finding.undetermined)} may lie anywhere in the range.")
     return lines
 
 

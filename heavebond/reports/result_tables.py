@@ -204,7 +204,8 @@ def attempt_items(found: Attempt) -> list[Item]:
     """The ladder with an effect that was tried by hand, its numbers, and whether it is justified."""
     held_out = "the error falls by more than chance." if found.earned else \
         "the effect does not lower the error by more than chance."
-    return [ladder_table(found.ladder, "model"), effect_table(found.finding), *map(Line, at_ends(found.finding)),
+    ends = at_ends(found.finding, found.earned and found.bic_difference < 0)
+    return [ladder_table(found.ladder, "model"), effect_table(found.finding), *map(Line, ends),
             Line(f"BIC changes by {number(found.bic_difference, 4)} (below -10 is strong evidence for the effect); on "
                  f"held-out data {held_out}")]
 
