@@ -156,7 +156,7 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
 
 
 def at_ends(finding: AddedEffect, shown: bool = True) -> list[str]:
-    """What it means that numbers of an effect stand at an end of their range; `shown`: the records show the effect itself."""
+    """What it means that numbers of an effect stand at an end of their range; `shown`: the records show the effect."""
     limits = {p.name for p in finding.at_limits}
     other = [p.name for p in finding.parameters if p.ended and p.name not in limits and p.name not in finding.beyond]
     several = len(finding.beyond) > 1
