@@ -296,6 +296,17 @@ code
     assert at(run, "w", 0.4, 0.6) == [0, 9]
 
 
+@pytest.mark.parametrize("section", ["equations", "code"])
+def test_a_count_of_integration_steps_is_not_translated(tmp_path: Path, section: str) -> None:
+    """`i = i + 1` at every step; in a branch that an event takes, and at samples, it counts these."""
+    text = one_part(f"variables\n integer i;\ninitialequations\n i = 0;\n{section}\n i = i + 1;\n y = i;", "y")
+    (tmp_path / "cart.emx").write_text(text)
+    (problem,) = import_emx(tmp_path / "cart.emx").untranslated
+    assert problem.reason == "'i' follows from its own value at the integration step before, and so depends on the method"
+    counted = one_part("variables\n integer i;\ncode\n if frequencyevent (0.5, 0.5) then i = i + 1; end;\n y = i;", "y")
+    assert at(run_part(tmp_path, counted), "y", 0.4, 1.2) == [0, 2]
+
+
 def test_a_state_machine_of_a_switch(tmp_path: Path) -> None:
     """A vessel that fills with 2, empties with 1/2 from 1 to 0.4 and fills again: one event for each way out of a state."""
     text = one_part("""parameters

@@ -47,6 +47,8 @@ from heavebond.import_20sim.tables import read_table
 
 NO_EFFECT = {"warning", "stopsimulation", "effortincausality", "flowincausality", "seed"}  # on the solution of the equations
 
+AT_EVERY_STEP = "'{}' follows from its own value at the integration step before, and so depends on the method"
+
 
 class Builder(Execution):
     """The component of one submodel; `comments` by line, `ends` the connections of a knot's ports (name, direction), `known`
@@ -284,6 +286,9 @@ class Builder(Execution):
         if left.op == "call" and left.name.lower() in ("ddt", "next"):
             self._rate(left, right, comment, written)
             return
+        if left.op == "name" and left.name in names(right) and any(
+                d.kind == "integer" and d.name == left.name for d in self.source.variables):
+            raise Unreadable(line, AT_EVERY_STEP.format(left.name))
         target = self.evaluate(left)
         if right.op == "call" and right.name.lower() == "constraint" and len(right.args) == 1:
             zero = self.evaluate(right.args[0])  # the left side is what keeps it at 0
@@ -384,6 +389,8 @@ class Builder(Execution):
             else:
                 self.made.equations.append((f.name(name), between, said))
             return
+        if between.op not in ("if", "prev") and not triggers(value):
+            raise Unreadable(self.submodel.line, AT_EVERY_STEP.format(name))
         found = leaves(between, Expr("prev", name=name))
         if any(moves(self.made, leaf) for _, leaf in found):
             if not any(keeps(e, name) for pair in found for e in pair):
