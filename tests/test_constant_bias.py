@@ -108,3 +108,47 @@ def test_nothing_is_advised_where_the_records_differ(tmp_path: Path, monkeypatch
     monkeypatch.chdir(tmp_path)
     write(tmp_path, offsets)
     assert hb.compare("beside.yaml").advice == ()
+
+
+LOADED = """
+model: rig
+components:
+  ceiling: {is: Fixed}
+  spring:  {is: SpringDamper, c: 1 kN/m, d: 40 N*s/m}
+  cart:    {is: Mass, m: 5 kg}
+  balance: {is: Preload, F: 30 N}
+  push:    {is: ForceSource, u: 0 N}
+nodes: {top: [ceiling.a, spring.a, balance.a], load: [spring.b, cart.a, balance.b, push.a]}
+initial: {start: steady}
+"""
+PUSHED = """
+experiment: rig
+model: rig.yaml
+records: {one: {file: one.csv, use: fit}, two: {file: two.csv, use: validate}}
+time: {column: t, unit: s}
+inputs: {push.u: {column: u, unit: N, interpolation: linear}}
+outputs:
+  load.x:   {column: x, unit: mm, noise: 0.5 mm}
+  spring.F: {column: f, unit: N, noise: 0.5 N}
+"""
+
+
+def test_a_wrong_load_in_a_steady_start_is_told_as_one_and_not_as_another_state(tmp_path: Path) -> None:
+    """A preload of the other sign biases position and force at once, from the first sample on."""
+    (tmp_path / "rig.yaml").write_text(LOADED.replace("F: 30 N", "F: -30 N"))
+    truth = hb.load(tmp_path / "rig.yaml")
+    random = np.random.default_rng(7)
+    for name, period in (("one", 2.1), ("two", 1.3)):
+        diagram = truth.with_parameters({"push.u": f"=20 N*sin(2*pi*time/({period} s))"})
+        run = hb.simulate(diagram, 10, every=0.02)
+        u = 20 * np.sin(2 * np.pi * run.time / period)
+        noise = 0.5 * random.standard_normal((2, len(u)))
+        columns = np.column_stack([run.time, u, 1e3 * run["load.x"] + noise[0], run["spring.F"] + noise[1]])
+        np.savetxt(tmp_path / f"{name}.csv", columns, delimiter=",", header="t,u,x,f", comments="")
+    (tmp_path / "rig.yaml").write_text(LOADED)
+    (tmp_path / "rig_record.yaml").write_text(PUSHED)
+    said = CliRunner().invoke(main, ["compare", str(tmp_path / "rig_record.yaml")]).output
+    words = re.sub(r"\s+", " ", said)
+    assert "which starts in equilibrium: if the machine was at rest then too, a value of the diagram" in words
+    assert "write `initial:" not in words
+    assert "2 channels are biased at once: one wrong value of the diagram" in words

@@ -441,7 +441,7 @@ class _RefitProblem:
 
     def judged(self, inner: Array) -> Refit:
         """The figures at the end, from runs of IDAS."""
-        problem = self.problem
+        problem, inner = self.problem, self.problem.allowed(inner)
         exact = exact_runs(problem.experiment, self.runs, self.base.exact)
         r, prior = self._residuals(inner, [exact[run.record.name] for run in self.runs]), problem.priors(inner)[0]
         values = [problem.values_of(inner, run.record.name) for run in problem.runs]

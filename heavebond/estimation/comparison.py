@@ -255,7 +255,9 @@ def compare_record(experiment: Experiment, record: Record,
     held_inputs = [name for name, given in experiment.inputs_for(record).items() if given.interpolation == "hold"]
     slips = {} if measured.time_suspect else {
         c.name: _slips(c, measured.channels[c.name].output, measured.declared.get(c.name)) for c in fitted.values()}
-    starts = _starts(measured, [fitted[name] for name in _states(result.assembly, experiment) if not slips.get(name)])
+    steady = result.assembly.model.initial.mode == "steady"
+    states = [fitted[name] for name in _states(result.assembly, experiment) if not slips.get(name)]
+    starts = _starts(measured, states, steady)
     closed = closed_loops(experiment, record, {c.name: (c.time, c.measured, c.model) for c in fitted.values()})
     notes = (*_notes(measured, fitted, slips, held_inputs), *starts, *noise_notes(experiment, measured), *closed,
              *changes_of(result, states=False))
@@ -272,23 +274,28 @@ def _states(assembly: Assembly, experiment: Experiment) -> list[str]:
             if ca.depends_on(formula, x) and not ca.depends_on(formula, ca.veccat(t, z, p, u))]
 
 
-def _starts(measured: Measured, states: Sequence[Channel]) -> tuple[str, ...]:
+def _starts(measured: Measured, states: Sequence[Channel], steady: bool) -> tuple[str, ...]:
     """A note for each of the channels that at the first instant of the record is not what it is in the model."""
     if measured.time_suspect:
         return ()
-    return tuple(_start_note(c, measured.channels[c.name].output) for c in states
+    return tuple(_start_note(c, measured.channels[c.name].output, steady) for c in states
                  if c.time[0] <= measured.grid[0] and c.name not in measured.declared
                  and not (c.outlier[0] and measured.channels[c.name].output.drop_outliers)
                  and not (c.late is not None and c.late.noticeable and c.late.explains(c.noise))
                  and abs(c.measured[0] - c.model[0]) > _ELSEWHERE * max(c.noise, c.step))
 
 
-def _start_note(channel: Channel, output: Output) -> str:
+def _start_note(channel: Channel, output: Output, steady: bool) -> str:
     unit, formula = "" if channel.unit == "1" else f" {channel.unit}", output.shown.text
     places = -math.floor(math.log10(max(channel.noise, channel.step)))
     first, start = (f"{number(round(float(values[0]), places), 12)}{unit}" for values in (channel.measured, channel.model))
-    return (f"{channel.name} begins at {first} in the record, at {start} in the model: if the machine was in another state "
-            f"then, write `initial: {{{quoted(formula)}: {first}}}` at this record")
+    begins = f"{channel.name} begins at {first} in the record, at {start} in the model"
+    if steady:
+        return (f"{begins}, which starts in equilibrium: if the machine was at rest then too, a value of the diagram that "
+                "decides the equilibrium is wrong (a load, a preload or its sign, a supply); if it was not, begin"
+                " without `start: steady`")
+    return f"{begins}: if the machine was in another state then, write `initial: {{{quoted(formula)}: {first}}}` at this " \
+        "record"
 
 
 def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[str, Sequence[str]],

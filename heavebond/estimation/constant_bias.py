@@ -122,4 +122,8 @@ def all_advice(experiment: Experiment, residuals: Mapping[str, Sequence[Array]],
     found = {name: common_bias([mean_residual(part) for part in parts], noise[name]) for name, parts in residuals.items()}
     rest = {name: max((float(np.var(part)) / noise[name]**2 for part in parts if len(part)), default=0.0)
             for name, parts in residuals.items() if found[name] is not None}
-    return [advice(experiment, name, bias, rest[name]) for name, bias in found.items() if bias is not None]
+    lines = [advice(experiment, name, bias, rest[name]) for name, bias in found.items() if bias is not None]
+    if len(lines) > 1:
+        lines.append(f"{len(lines)} channels are biased at once: one wrong value of the diagram (a load, a supply, an "
+                     "ambient temperature) or a missing effect is a likelier cause than an offset of each sensor")
+    return lines

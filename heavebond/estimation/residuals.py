@@ -204,6 +204,10 @@ class Residuals:
         self.low = np.array([c.inner(c.free.range.low) for c in self.columns])
         self.high = np.array([c.inner(c.free.range.high) for c in self.columns])
         self.orders = self._orders()
+        for high, low in self.orders:  # the lower one ends where the higher one still finds its place above it
+            most = self.columns[high].free.range.high - 2 * self._hair(high)
+            if self.columns[low].free.range.low < most < self.columns[low].free.range.high:
+                self.high[low] = self.columns[low].inner(most)
         self.evaluations = 0
         self._known: dict[bytes, tuple[Array, Array]] = {}
         if outside := starts_outside(experiment, first):
@@ -220,13 +224,16 @@ class Residuals:
                           for (name, record), k in at.items() if name == high]
         return [(high, low) for high, low in found if low >= 0]
 
+    def _hair(self, high: int) -> float:
+        """The least distance of two values in order, as some laws divide by it."""
+        bounds = self.columns[high].free.range
+        return 1e-6 * (bounds.high - bounds.low)
+
     def allowed(self, inner: Array) -> Array:
         """The point with what must not be below another value raised to that."""
         inner = inner.copy()
         for high, low in self.orders:
-            bounds = self.columns[high].free.range
-            # a hair above it: some laws divide by the distance
-            least = self.columns[low].outer(inner[low]) + 1e-6 * (bounds.high - bounds.low)
+            least = self.columns[low].outer(inner[low]) + self._hair(high)
             if self.columns[high].outer(inner[high]) < least:
                 inner[high] = self.columns[high].inner(least)
         return inner
@@ -256,8 +263,9 @@ class Residuals:
         return points
 
     def values_of(self, inner: Array, record: str) -> dict[str, float]:
-        """The parameters of one record in SI."""
-        return {c.free.name: c.outer(v) for c, v in zip(self.columns, inner, strict=True) if c.record in ("", record)}
+        """The parameters of one record in SI, in the order that their component requires."""
+        return {c.free.name: c.outer(v) for c, v in zip(self.columns, self.allowed(inner), strict=True)
+                if c.record in ("", record)}
 
     def evaluate(self, inner: Array, most: float = np.inf) -> tuple[Array, Array]:
         """Residuals (n,) of the data and Jacobian (n, columns) in inner unknowns, without priors. Where their sum of squares

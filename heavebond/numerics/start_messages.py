@@ -278,7 +278,7 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple
         share = np.abs(direction)
         involved = [names[k] for k in np.argsort(-share) if share[k] > 0.1 * share.max()]
         if open_ := [name for name in involved if name in solved]:
-            raise StartError([_solve_open(equations, open_)])
+            raise StartError([_solve_open(equations, open_, [name for name in involved if name not in solved])])
         notes.append(f"one of: {listing(involved, MOST_NAMED)}")
         suggestions.append(next((i for i in involved if i not in suggestions), involved[0]))
     raise StartError([_open(equations, point, notes, suggestions)])
@@ -291,12 +291,18 @@ def _pressures(assembly: Assembly) -> set[str]:
             if assembly.flat.unknowns[j].role == "across" and name.rpartition(".")[2] in members}
 
 
-def _solve_open(equations: StartEquations, names: list[str]) -> Problem:
+def _solve_open(equations: StartEquations, names: list[str], moved: list[str]) -> Problem:
+    """What is solved for without an equation that decides it, and the variables that would follow it (`moved`)."""
     place = equations.assembly.model.initial.solve[names[0]]
     steady = "" if equations.steady else "`start: steady`, or "
     return Problem("solve-undetermined", f"no equation determines {listing(names)} under `solve:`", place,
-                   f"Each parameter that is solved for needs one condition more under `initial:`: {steady}a value of a "
-                   "variable that it brings about.\nOr take it out of `solve:`.")
+                   f"Each parameter that is solved for needs one condition more under `initial:`: {steady}a value of "
+                   f"{_one_of(moved) if moved else 'a variable that it brings about'}.\nOr take it out of `solve:`.")
+
+
+def _one_of(names: list[str]) -> str:
+    shown = names[:MOST_NAMED]
+    return " or ".join(filter(None, [", ".join(shown[:-1]), shown[-1]]))
 
 
 def _open(equations: StartEquations, point: Point, notes: list[str], suggestions: list[str]) -> Problem:
