@@ -85,6 +85,14 @@ def test_check_tells_a_steady_start_that_is_not_stable(tmp_path: Path) -> None:
     assert answer.exit_code == 0 and "0.5 " in answer.stdout
     assert "The steady start is not stable, so that the machine leaves it: growing mode (2 1/s) of x.y" in answer.stderr
     assert "not stable" not in call("check", "cmc_ahc").stderr
+    # a run stays there for ever, which it tells too
+    told = tmp_path / "told.json"
+    answer = call("run", str(tmp_path / "drift.yaml"), "--until", "20 s", "--json", str(told))
+    assert "The steady start is not stable" in answer.stderr
+    assert json.loads(told.read_text("utf-8"))["growing"] == [
+        {"real": pytest.approx(2), "imaginary": 0, "states": ["x.y"]}]
+    call("run", "cmc_ahc", "--until", "1 s", "--json", str(told))
+    assert json.loads(told.read_text("utf-8"))["growing"] == []
 
 
 def test_check_prints_all_problems_and_ends_with_1(folder: Path) -> None:

@@ -56,6 +56,7 @@ def check(model: str, listed: bool, fix: bool, settings: tuple[str, ...]) -> dic
 
 def _check_diagram(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, object]:
     """Structure, initial conditions and power of a diagram."""
+    from heavebond.commands.steady_start import warn_of_growing
     from heavebond.commands.terminal import output, working
     from heavebond.core.errors import StartError
     from heavebond.language.model import load
@@ -85,24 +86,8 @@ def _check_diagram(model: str, listed: bool, settings: tuple[str, ...]) -> dict[
         powers = _check_powers(assembly)
         if first is not None:
             report_verdict(assembly.model.name, at_point(assembly, first))
-    growing = _growing(assembly, first) if first is not None and assembly.model.initial.mode == "steady" else []
+    growing = warn_of_growing(assembly, first) if first is not None and assembly.model.initial.mode == "steady" else []
     return {**found.as_dict(), "power": [problem.as_dict() for problem in powers], "growing": growing}
-
-
-def _growing(assembly: Assembly, point: Point) -> list[dict[str, object]]:
-    """Tell the modes that grow at a steady start: the machine leaves such an equilibrium at the least disturbance. Of large
-    diagrams they are not computed."""
-    from heavebond.commands import terminal
-    from heavebond.linear.linearisation import Linearisation
-    from heavebond.linear.slow_modes import SLOW_MODES
-
-    if len(assembly.state_names) > SLOW_MODES.max_all:
-        return []
-    found = sorted(Linearisation(assembly).at(point).stability().growing, key=lambda e: -e.value.real)
-    if found:
-        terminal.warn(f"The steady start is not stable, so that the machine leaves it: {'; '.join(e.text for e in found)}. "
-                      "`heavebond modes` shows its modes; guesses (`~`) lead to another steady state where there is one.")
-    return [{"real": e.value.real, "imaginary": e.value.imag, "states": list(e.states)} for e in found]
 
 
 def _check_powers(assembly: Assembly) -> list[Problem]:

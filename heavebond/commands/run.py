@@ -58,6 +58,7 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive).
     """
     from heavebond.commands import terminal
+    from heavebond.commands.steady_start import warn_where_it_stands
     from heavebond.language.model import load
     from heavebond.numerics.run_verdict import report_verdict
     from heavebond.numerics.simulation import changes_of, simulate
@@ -95,10 +96,11 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     console.print(_statistics(result), soft_wrap=True)
     for line in changes_of(result):
         console.print(line, soft_wrap=True)
+    growing = warn_where_it_stands(result)
     statistics = {k: v for k, v in result.statistics.items() if k != "quadratures"}
     told: dict[str, object] = {"model": assembly.model.name, "until": float(result.time[-1]), "points": len(result.time),
             "outputs": figures, "events": [{"time": time, "name": name} for time, name in result.events],
-            "files": list(map(str, files)), "statistics": statistics}
+            "files": list(map(str, files)), "statistics": statistics, "growing": growing}
     if verified:
         from heavebond.numerics.simulator import Tolerances
         from heavebond.optimise.verification import verify

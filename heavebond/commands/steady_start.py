@@ -1,0 +1,45 @@
+"""Warning of a steady start that is an unstable equilibrium."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from heavebond.numerics.dae import Assembly
+    from heavebond.numerics.result import Result
+    from heavebond.numerics.start_equations import Point
+
+# A state that moves by less than this share of its nominal value stands still: ten times the errors of the integrator over a
+# run, and far less than a mode that grows needs to be seen.
+STILL = 1e-6
+
+
+def warn_of_growing(assembly: Assembly, point: Point) -> list[dict[str, object]]:
+    """Tell the modes that grow at a steady start: the machine leaves such an equilibrium at the least disturbance. Of large
+    diagrams they are not computed."""
+    from heavebond.commands import terminal
+    from heavebond.linear.linearisation import Linearisation
+    from heavebond.linear.slow_modes import SLOW_MODES
+
+    if len(assembly.state_names) > SLOW_MODES.max_all:
+        return []
+    found = sorted(Linearisation(assembly).at(point).stability().growing, key=lambda e: -e.value.real)
+    if found:
+        terminal.warn(f"The steady start is not stable, so that the machine leaves it: {'; '.join(e.text for e in found)}. "
+                      "`heavebond modes` shows its modes; guesses (`~`) lead to another steady state where there is one.")
+    return [{"real": e.value.real, "imaginary": e.value.imag, "states": list(e.states)} for e in found]
+
+
+def warn_where_it_stands(result: Result) -> list[dict[str, object]]:
+    """The same after a run in which a state has kept the value of its steady start: there alone an integrator hides what the
+    least disturbance would do, and a machine that moves in all its states needs no linearisation."""
+    from heavebond.linear.linearisation import start_point
+
+    assembly = result.assembly
+    if assembly.model.initial.mode != "steady" or not len(result.x):
+        return []
+    if not np.any(np.ptp(result.x, axis=1) <= STILL * np.asarray(assembly.x_nominal)):
+        return []
+    return warn_of_growing(assembly, start_point(result.start, result.u[:, 0]))
