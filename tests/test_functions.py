@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.integrate import solve_ivp
 
 import heavebond as hb
 from heavebond.cli import main
@@ -17,7 +18,18 @@ from heavebond.core.errors import HeavebondError
 from heavebond.language.definition import Component
 from heavebond.language.library import bundled, called_functions, library
 from heavebond.language.symbols import nonsmooth, stepwise
-from heavebond.text.expression import Binary, Call, Expr, FunctionCall, Name, Negative, Number, parse_formula
+from heavebond.text.expression import (
+    Binary,
+    Call,
+    Expr,
+    FunctionCall,
+    Name,
+    Negative,
+    Number,
+    parse_equation,
+    parse_formula,
+)
+from heavebond.text.tex import equation_tex
 
 LIBRARY = library()
 EVERY = sorted(LIBRARY.functions)
@@ -370,6 +382,111 @@ def test_functions_of_lists_and_matrices(tmp_path: Path) -> None:
     assert found["force"] == pytest.approx(np.interp(x[0], [-1, 0, 2], [-8, 0, 4]), abs=1e-9)
     stored = np.where(x < 0, 4*x**2, x**2).sum(axis=0)
     assert found["energy"] + stored == pytest.approx(np.full(len(found.time), stored[0]), rel=1e-6)
+
+
+ROTATION = """
+function: rotation
+summary: Turning of a vector of the plane.
+source: Definition.
+inputs:
+  phi: {unit: rad, doc: angle}
+  u:   {unit: $U, count: 2, doc: vector}
+outputs:
+  v: {unit: $U, count: 2, doc: turned vector}
+  R: {unit: 1, count: [2, 2], doc: matrix}
+equations: |
+  R = [[cos(phi), -sin(phi)],   # by its rows
+       [sin(phi), cos(phi)]]
+  v = R*u                       # turned
+"""
+TURNED = """
+component: Turned
+summary: A force of the plane that turns, on a body that springs hold.
+parameters:
+  m: {unit: kg, doc: mass}
+  c: {unit: N/m, doc: stiffness along x}
+  k: {unit: N/m, doc: stiffness along y}
+  w: {unit: rad/s, doc: speed of turning}
+  F: {unit: N, doc: force}
+variables:
+  phi: {unit: rad, start: 0, doc: angle}
+  x: {unit: m, count: 2, doc: position}
+  v: {unit: m/s, count: 2, doc: velocity}
+equations: |
+  der(phi) = w                                                      # angle
+  der(x) = v                                                        # velocity
+  m*der(v) = rotation(phi, [F, 0]).v - transpose(rotation(0.3, [1, 0]).R)*[[c, 0], [0, k]]*rotation(0.3, [1, 0]).R*x
+stores: dot(v, v)*m/2
+power: controlled, a force from outside
+"""
+
+
+def turned(folder: Path, old: str = "", new: str = "") -> Path:
+    for name, text in (("rotation", ROTATION), ("turned", TURNED)):
+        (folder / f"{name}.yaml").write_text(text.replace(old, new, 1) if old else text, encoding="utf-8")
+    path = folder / "plane.yaml"
+    path.write_text("model: plane\ncomponents: {part: {is: Turned, m: 2 kg, c: 8 N/m, k: 50 N/m, w: 3 rad/s, F: 4 N}}\n"
+                    "initial: {'part.x[1]': 0.1 m, 'part.x[2]': 0 m, 'part.v[1]': 0 m/s, 'part.v[2]': 0 m/s}\n"
+                    "simulate: {until: 2 s, every: 20 ms}\n", encoding="utf-8")
+    return path
+
+
+def test_a_function_builds_a_matrix_from_elements(tmp_path: Path) -> None:
+    """Beside SciPy: a rotating force on a body between springs whose axes are turned by 0.3 rad."""
+    found = hb.simulate(hb.load(turned(tmp_path)), rtol=1e-10)
+    R = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
+    stiffness = R.T @ np.diag([8.0, 50]) @ R
+    exact = solve_ivp(lambda t, y: [*y[2:], *((4*np.array([np.cos(3*t), np.sin(3*t)]) - stiffness @ y[:2])/2)],
+                      (0, 2), [0.1, 0, 0, 0], rtol=1e-11, atol=1e-12, t_eval=found.time)
+    for k in (0, 1):
+        assert found[f"part.x[{k + 1}]"] == pytest.approx(exact.y[k], abs=1e-8)
+
+
+@pytest.mark.parametrize(("old", "new", "code", "said"), [
+    ("[sin(phi), cos(phi)]]", "[sin(phi), cos(phi), 0]]", "list-length", "is a list of 2, this is a list of 3"),
+    ("[sin(phi), cos(phi)]]", "sin(phi)]", "list-length", "the first of a list is a list, this is a number"),
+    ("[[c, 0], [0, k]]", "[[c, 0], [0, m]]", "units-differ", "the list joins"),
+    ("[[c, 0], [0, k]]", "[[c, 0], [0, k]", "formula-incomplete", "a `]` is missing"),
+    ("[F, 0]", "[F, 0, 0]", "list-length", "u of rotation has the length 2; this is a list of 3"),
+    ("[F, 0]", "[[[F, 0]]]", "list-number", "a list has numbers or rows"),
+    ("[F, 0]", "[]", "formula-broken", "a number or a name is missing"),
+    ("w                 ", "[w, w]            ", "list-length", "the sides of the equation"),
+])
+def test_mistakes_in_lists_by_elements(tmp_path: Path, old: str, new: str, code: str, said: str) -> None:
+    with pytest.raises(HeavebondError) as caught:
+        hb.assemble(hb.load(turned(tmp_path, old, new)))
+    assert code in [p.code for p in caught.value.problems], str(caught.value)
+    assert said in str(caught.value), str(caught.value)
+
+
+@pytest.mark.parametrize(("formula", "said"), [
+    ("[1 N, 2 N]", "is a number; this is a list of 2"), ("dot([1 N, 2 N], [1, 2, 3])", "a list of 2 and a list of 3"),
+    ("spread(time).f", "is a number; this is a list of 2"), ("sum([3 N, spread(time).f[1]])", "'[' cannot stand here"),
+])
+def test_a_list_in_a_diagram_is_no_number(tmp_path: Path, formula: str, said: str) -> None:
+    (tmp_path / "spread.yaml").write_text("function: spread\nsummary: Two forces.\ninputs: {t: {unit: s, doc: time}}\n"
+                                          "constants: {k: {unit: N/s, value: 1 N/s, doc: rate}}\n"
+                                          "outputs: {f: {unit: N, count: 2, doc: forces}}\n"
+                                          "equations: |\n  f = [k*t, 2*k*t]\n")
+    text = """
+model: one
+components: {source: {is: ForceSource, u: "=FORMULA"}, mass: {is: Mass, m: 1 kg}}
+nodes: {mass: [source.a, mass.a]}
+simulate: {until: 2 s}
+"""
+    with pytest.raises(HeavebondError) as caught:
+        hb.assemble(hb.loads(text.replace("FORMULA", formula), tmp_path))
+    assert said in str(caught.value)
+    with pytest.raises(HeavebondError, match="what a formula gives is a number"):
+        hb.assemble(hb.loads(text.replace("FORMULA", "1 N").replace("m: 1 kg", 'm: "=[1 kg, 2 kg]"'), tmp_path))
+    found = hb.simulate(hb.loads(text.replace("FORMULA", "sum(spread(time)) + dot([1, 2], [3 N, 4 N])"), tmp_path))
+    assert found["mass.v"][-1] == pytest.approx(3*2**2/2 + 11*2)
+
+
+def test_a_matrix_by_elements_in_formulas_of_a_page() -> None:
+    shown = equation_tex(parse_equation("K = [[c, 0], [-c, 2*d]]"))
+    assert r"\begin{pmatrix} c & 0 \\ -c & 2" in shown
+    assert equation_tex(parse_equation("x = [a, b]")).count(r"\\") == 1
 
 
 @pytest.mark.parametrize(("file", "old", "new", "code", "said"), [

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 if TYPE_CHECKING:
     from heavebond.numerics.dae import Assembly
     from heavebond.numerics.result import Result
@@ -35,6 +33,8 @@ def warn_of_growing(assembly: Assembly, point: Point) -> list[dict[str, object]]
 def warn_where_it_stands(result: Result) -> list[dict[str, object]]:
     """The same after a run in which a state has kept the value of its steady start: there alone an integrator hides what the
     least disturbance would do, and a machine that moves in all its states needs no linearisation."""
+    import numpy as np
+
     from heavebond.linear.linearisation import start_point
 
     assembly = result.assembly

@@ -22,6 +22,7 @@ from heavebond.language.template import Template
 from heavebond.language.values import NOT_FINITE, add_formula_problem, check_bounds, check_dimension
 from heavebond.text.dimensions import number_dimension
 from heavebond.text.expression import Binary, Call, Expr, ExpressionProblem, Name, Number, children, names
+from heavebond.text.shapes import Lengths, gives_lists
 
 Array = NDArray[np.float64]
 MODULATED = "A store whose constant changes takes or gives power: take one with a port for that power, such as an\n" \
@@ -201,6 +202,8 @@ class _Maker:
             return
         try:
             unit = self._unit(name, bound, leaf)
+            if gives_lists(bound.value.expr):
+                Lengths(lambda _: None, exact=True).number(bound.value.expr, "what a formula gives")
             found = evaluate(bound.value.expr, Context(self._lookup(bound.scope), _no_rate,
                                                        _integers(self.expanded, bound.scope)))
         except ExpressionProblem as problem:

@@ -17,7 +17,7 @@ from heavebond.language.definition import Domain
 from heavebond.language.symbols import Context, evaluate, stack
 from heavebond.text.dimensions import SECOND, counted, dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name, Slice, constant, names
-from heavebond.text.shapes import Lengths, Shape
+from heavebond.text.shapes import Lengths, Shape, gives_lists
 
 Course = TypeVar("Course", ca.SX, NDArray[np.float64])  # an expression, or values over time
 POWER, WATT = "power", declared_unit("W").dimension
@@ -108,8 +108,8 @@ class Resolver:
 
     def _check_lengths(self, expr: Expr, scope: str) -> None:
         """ExpressionProblem where a formula gives a list, or joins lists that do not fit."""
-        if any(self._elements(scope + name.text) or any(isinstance(part, Slice) for part in name.parts)
-               for name in names(expr)):
+        if gives_lists(expr) or any(self._elements(scope + name.text) or any(isinstance(part, Slice) for part in name.parts)
+                                    for name in names(expr)):
             Lengths(lambda name: self.shape(name, scope), exact=True).number(expr, "what a formula gives")
 
     def shape(self, name: Name, scope: str = "") -> Shape:

@@ -1,4 +1,4 @@
-"""Lines of `equations:`, of a component or a function: continued where a parenthesis is open, each with its label."""
+"""Lines of `equations:`, of a component or a function: continued where a bracket is open, each with its label."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def equation_lines(node: Node | None, problems: Problems) -> Iterator[tuple[str,
 
 
 def _joined(lines: list[Scalar]) -> list[Scalar]:
-    """Lines with an open parenthesis are continued by the next one, unless that is an equation of its own."""
+    """Lines with an open parenthesis or bracket are continued by the next one, unless that is an equation of its own."""
     joined: list[Scalar] = []
     for line in lines:
         previous = joined[-1] if joined else None
@@ -49,4 +49,4 @@ def _joined(lines: list[Scalar]) -> list[Scalar]:
 
 def _open(line: str) -> bool:
     content = line.partition("#")[0]
-    return content.count("(") > content.count(")")
+    return content.count("(") > content.count(")") or content.count("[") > content.count("]")

@@ -45,8 +45,9 @@ from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
 FUNCTION_KEYS = ("function", "summary", "restrictions", "source", "inputs", "outputs", "constants", "equations")
 # a function is a relation between numbers: it knows no derivative, no time and no jump that an event would have to find
 REFUSED = {"der": "a function relates values at one instant", "floor": "it jumps where no event stops the integrator"}
-ELEMENTS = ("Write a formula of whole lists (`y = x[2..n] - x[1..n - 1]`), or let the function give one element by its\n"
-            "indices, and write `each i in 1..n: y[i] = f(i, ...)` in the component, where `y` has `count: n`.")
+ELEMENTS = ("Write a formula of whole lists (`y = x[2..n] - x[1..n - 1]`) or the elements in brackets (`y = [a, b]`,\n"
+            "`K = [[a, b], [c, d]]`), or let the function give one element by its indices, and write\n"
+            "`each i in 1..n: y[i] = f(i, ...)` in the component, where `y` has `count: n`.")
 SNAKE_CASE = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 

@@ -14,6 +14,7 @@ from heavebond.text.expression import (
     Binary,
     Call,
     Compare,
+    Elements,
     Expr,
     ExpressionProblem,
     Function,
@@ -92,6 +93,9 @@ def evaluate(expr: Expr, context: Context) -> ca.SX:
         return _function_call(expr, context)
     if isinstance(expr, SumOver):
         return _sum_over(expr, context)
+    if isinstance(expr, Elements):
+        rows = [evaluate(item, context) for item in expr.items]  # numbers, or columns that are rows of a matrix
+        return ca.densify(ca.vertcat(*(row.T for row in rows)))
     if isinstance(expr, Compare):
         return _COMPARE[expr.op](evaluate(expr.left, context), evaluate(expr.right, context))
     if isinstance(expr, Logic):

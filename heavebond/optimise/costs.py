@@ -38,6 +38,7 @@ from heavebond.text.expression import (
     Binary,
     Call,
     Compare,
+    Elements,
     Expr,
     ExpressionProblem,
     FunctionCall,
@@ -221,6 +222,8 @@ class _Reader:
             return Call(expr.function, tuple(self._stood_in(a, reference, stood) for a in expr.args), expr.column)
         if isinstance(expr, FunctionCall):
             return replace(expr, args=tuple(self._stood_in(a, reference, stood) for a in expr.args))
+        if isinstance(expr, Elements):
+            return replace(expr, items=tuple(self._stood_in(e, reference, stood) for e in expr.items))
         flat = self.assembly.flat
         if isinstance(expr, Name) and (expr.text in flat.names or expr.text in self.outputs
                                        or any(h.name == expr.text for h in flat.held)):

@@ -10,6 +10,7 @@ from heavebond.text.expression import (
     Binary,
     Call,
     Compare,
+    Elements,
     Equation,
     Expr,
     ExpressionProblem,
@@ -64,6 +65,11 @@ def dimension(expr: Expr, lookup: Lookup) -> Dimension | None:
         return _function_call(expr, lookup)
     if isinstance(expr, SumOver):
         return number_dimension(expr.body, lambda name: ONE if name.text == expr.index else lookup(name))
+    if isinstance(expr, Elements):
+        found, first = ANY, expr.items[0]
+        for item in expr.items:
+            found = _same((first, found), (item, number_dimension(item, lookup)), "the list", _start(item))
+        return found
     assert not isinstance(expr, Slice)  # stands in names alone
     return _truth(expr, lookup)
 

@@ -27,6 +27,7 @@ from heavebond.core.units import TOO_LARGE, UnitProblem, read_unit
 from heavebond.text.syntax import Binary as Binary
 from heavebond.text.syntax import Call as Call
 from heavebond.text.syntax import Compare as Compare
+from heavebond.text.syntax import Elements as Elements
 from heavebond.text.syntax import Equation as Equation
 from heavebond.text.syntax import Expr as Expr
 from heavebond.text.syntax import Function as Function
@@ -243,8 +244,20 @@ class _Parser:
                 inner = self.formula()
             self.expect(")", "a `)` is missing", "Each `(` needs a `)`.")
             return inner
+        if token.text == "[":
+            with self._deeper():
+                return self._elements(token)
         self.position -= 1
         raise self.broken("a number or a name is missing", "Complete the formula, as in `2*a + b`.")
+
+    def _elements(self, token: Token) -> Elements:
+        """The elements of a list, or the rows of a matrix, to the closing bracket."""
+        items = [self.formula()]
+        while self.peek().text == ",":
+            self.take()
+            items.append(self.formula())
+        self.expect("]", "a `]` is missing", "Each `[` needs a `]`, as in `[a, b]` or `[[a, b], [c, d]]`.")
+        return Elements(tuple(items), token.column)
 
     def _number(self, token: Token) -> Number:
         value = float(token.text)

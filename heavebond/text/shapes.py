@@ -15,6 +15,7 @@ from heavebond.text.expression import (
     Binary,
     Call,
     Compare,
+    Elements,
     Equation,
     Expr,
     ExpressionProblem,
@@ -28,6 +29,7 @@ from heavebond.text.expression import (
     Quantity,
     Slice,
     SumOver,
+    children,
     constant,
 )
 
@@ -108,6 +110,8 @@ class Lengths:
             return self._function(expr)
         if isinstance(expr, SumOver):
             return self.of(expr.body)
+        if isinstance(expr, Elements):
+            return self._elements(expr)
         if isinstance(expr, (Compare, Logic)):
             self.number(expr.left, "each side of a comparison")
             self.number(expr.right, "each side of a comparison")
@@ -135,6 +139,21 @@ class Lengths:
                                     "Write `dot(a, b)` or `cross(a, b)`, or `each i in 1..n:` for an equation of every "
                                     "element.")
         return left if left is not None else right
+
+    def _elements(self, expr: Elements) -> Shape:
+        """A list of numbers, or a matrix of rows of one length."""
+        rows = [self.of(item) for item in expr.items]
+        for item, row in zip(expr.items, rows, strict=True):
+            if isinstance(row, tuple):
+                raise ExpressionProblem("list-number", f"a list has numbers or rows; this is {shape_text(row, self.exact)}",
+                                        _start(item), hint="A matrix has two indices at most.")
+            if (row is None) != (rows[0] is None) or (self.exact and row != rows[0]):
+                first = "a number" if rows[0] is None else shape_text(rows[0], self.exact)
+                raise ExpressionProblem("list-length", f"the first of a list is {first}, this is "
+                                        f"{'a number' if row is None else shape_text(row, self.exact)}", _start(item),
+                                        hint="Write numbers, `[a, b]`, or rows of one length, `[[a, b], [c, d]]`.")
+        first_row = rows[0]
+        return len(rows) if not isinstance(first_row, int) else (len(rows), first_row)
 
     def _product(self, left: tuple[int, int], right: int | tuple[int, int], column: int) -> Shape:
         """A matrix times a vector or a matrix."""
@@ -246,6 +265,13 @@ def shape_text(shape: Shape, exact: bool = True) -> str:
 
 def _start(expr: Expr) -> int:
     return _start(expr.left) if isinstance(expr, (Binary, Compare, Logic)) else expr.column
+
+
+def gives_lists(expr: Expr) -> bool:
+    """Whether lists arise in an expression whose names are numbers: by their elements, or as an output of a function."""
+    if isinstance(expr, Elements) or (isinstance(expr, FunctionCall) and expr.function.outputs[expr.output].sizes):
+        return True
+    return any(map(gives_lists, children(expr)))
 
 
 def declared(quantity: Quantity, sizes: Mapping[str, int]) -> Shape:

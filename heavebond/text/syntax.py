@@ -11,7 +11,8 @@ from typing import Union
 from heavebond.core.errors import Place
 from heavebond.core.units import Unit
 
-Expr = Union["Number", "Name", "Call", "FunctionCall", "Binary", "Negative", "Compare", "Logic", "Not", "SumOver", "Slice"]
+Expr = Union["Number", "Name", "Call", "FunctionCall", "Binary", "Negative", "Compare", "Logic", "Not", "SumOver", "Slice",
+             "Elements"]
 
 
 @dataclass(frozen=True)
@@ -127,6 +128,14 @@ class SumOver:
 
 
 @dataclass(frozen=True)
+class Elements:
+    """[a, b]: a list by its elements; of lists of one length, a matrix by its rows."""
+
+    items: tuple[Expr, ...]
+    column: int
+
+
+@dataclass(frozen=True)
 class Slice:
     """low..high where an index stands: the elements of a list from one to the other."""
 
@@ -237,6 +246,8 @@ def _put_in(expr: Expr, values: Mapping[str, Expr]) -> Expr:
         return replace(expr, left=_put_in(expr.left, values), right=_put_in(expr.right, values))
     if isinstance(expr, (Negative, Not)):
         return replace(expr, operand=_put_in(expr.operand, values))
+    if isinstance(expr, Elements):
+        return replace(expr, items=tuple(_put_in(item, values) for item in expr.items))
     if isinstance(expr, SumOver):
         inner = {name: value for name, value in values.items() if name != expr.index}
         return replace(expr, low=_put_in(expr.low, values), high=_put_in(expr.high, values), body=_put_in(expr.body, inner))
@@ -270,6 +281,8 @@ def children(expr: Expr) -> tuple[Expr, ...]:
         return (expr.low, expr.high, expr.body)
     if isinstance(expr, Slice):
         return (expr.low, expr.high)
+    if isinstance(expr, Elements):
+        return expr.items
     return ()
 
 

@@ -14,6 +14,7 @@ from heavebond.text.expression import (
     Binary,
     Call,
     Compare,
+    Elements,
     Equation,
     Expr,
     FunctionCall,
@@ -107,6 +108,10 @@ class _Names:
             return f"{self.of(expr.left)} {text_tex(f' {expr.op} ')} {self.of(expr.right)}", _SUM
         if isinstance(expr, Not):
             return rf"\text{{not }} {self.of(expr.operand, _ATOM)}", _SUM
+        if isinstance(expr, Elements):
+            rows = [item.items if isinstance(item, Elements) else (item,) for item in expr.items]
+            lines = r" \\ ".join(" & ".join(self.of(e) for e in row) for row in rows)
+            return rf"\begin{{pmatrix}} {lines} \end{{pmatrix}}", _ATOM
         if isinstance(expr, Slice):
             return rf"{self.of(expr.low)} \ldots {self.of(expr.high)}", _SUM
         return rf"\sum_{{{expr.index}={self.of(expr.low)}}}^{{{self.of(expr.high)}}} {self.of(expr.body, _PRODUCT)}", _SUM
