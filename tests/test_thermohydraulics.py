@@ -194,3 +194,20 @@ simulate: {until: 1 ms}
     assert begun["tank.T"][-1] == pytest.approx(steady["tank.T"][0], abs=1e-3)
     given, taken = steady["cooler.Q"][0] + steady["walls.Q"][0], steady["pump.s.tau"][0]*50*np.pi
     assert given == pytest.approx(taken, rel=1e-6)
+
+
+def test_a_pressure_at_which_the_law_of_oil_no_longer_holds_is_told() -> None:
+    """The expansion alpha - k_T p/beta is negative above 1633 bar: oil that is compressed there would cool down."""
+    text = """
+model: pressed
+components:
+  oil:  {is: Oil}
+  pump: {is: OilFlowSource, u: 1 L/min}
+  part: {is: OilVolume, V: 1 L}
+nodes: {line: [pump.a, part.a, oil.a]}
+simulate: {until: UNTIL, every: 50 ms}
+"""
+    high = hb.simulate(hb.loads(text.replace("UNTIL", "9 s")))
+    assert high["line.p"][-1] > 1.7e8
+    assert "line.p goes to" in high.verdict.text and high.verdict.status == "outside"
+    assert hb.simulate(hb.loads(text.replace("UNTIL", "4 s"))).verdict.text == "clean"
