@@ -73,6 +73,23 @@ def test_a_part_and_a_node_of_one_name_are_told_apart() -> None:
     assert result.display["comfort"].max() == hb.simulate(hb.loads(CAR)).display["comfort"].max()
 
 
+def test_a_formula_in_a_block_of_text_follows_a_new_name_and_is_replaced() -> None:
+    part = "  other:\n    is: Mass\n    m: >-\n      =2*\n      body.m\n    at: [5, 5]\n"
+    text = CAR.replace("components:\n", f"components:\n{part}", 1)
+    went, came = _lines(text, _edit(text, "rename", part="body", name="shell"))
+    assert "      body.m" in went and "      shell.m" in came and len(went) == len(came)
+    assert _lines(text, _edit(text, "set", path="other.m", value="3 kg")) == (
+        ["    m: >-", "      =2*", "      body.m"], ["    m: 3 kg"])
+
+
+def test_a_value_that_cannot_be_read_is_refused_and_one_that_stands_there_is_mended() -> None:
+    assert "lightyears" in _refused(CAR, "set", path="body.m", value="5 lightyears")
+    assert "lightyears" in _refused(CAR, "setting", key="until", value="5 lightyears")
+    typed = _edit(CAR, "set", path="body.m", value="400 kg").replace("400 kg", "5 lightyears")
+    assert _edit(typed, "set", path="body.m", value="400 kg") == _edit(CAR, "set", path="body.m", value="400 kg")
+    assert "lightyears" in _edit(typed, "set", path="wheel.m", value="41 kg")  # another fault is no reason
+
+
 def test_a_deleted_part_goes_with_its_wires_and_mentions() -> None:
     changed = _edit(CAR, "delete", parts=["tyre"])
     went, came = _lines(CAR, changed)

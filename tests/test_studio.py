@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import re
 import shutil
+import signal
 import subprocess
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -80,8 +83,8 @@ def test_a_changed_file_is_never_overwritten(folder: Folder) -> None:
     (folder.root / "car.yaml").write_text("model: theirs\n", encoding="utf-8")
     assert _code(lambda: folder.save("car.yaml", "model: mine\n", read.version)) == "file-changed"
     assert (folder.root / "car.yaml").read_text(encoding="utf-8") == "model: theirs\n"
-    (folder.root / "car.yaml").unlink()
-    assert _code(lambda: folder.save("car.yaml", "model: mine\n", read.version)) == "file-changed"
+    (folder.root / "car.yaml").unlink()  # nothing is overwritten then
+    assert folder.save("car.yaml", "model: mine\n", read.version).text == "model: mine\n"
     assert _code(lambda: folder.save(f"{BUNDLED}cmc_ahc", "", "")) == "file-bundled"
 
 
@@ -242,6 +245,26 @@ def test_waiting_tasks_give_way_to_the_newest_and_a_long_one_is_stopped(tmp_path
             assert time.monotonic() - began < 5
             kinds = [(await other)[0] for other in others]
             assert kinds == ["superseded", "superseded", "done"]  # a new process does it
+        finally:
+            worker.close()
+
+    asyncio.run(work())
+
+
+def test_a_short_task_is_done_again_where_its_process_was_ended(tmp_path: Path) -> None:
+    job = Job(CAR, str(tmp_path / "car.yaml"), "car.yaml")
+    move = {"act": "set", "path": "damper.d", "value": "2 kN*s/m"}
+
+    async def work() -> None:
+        worker = Worker()
+        try:
+            await worker.ask("edit", job, move)
+            assert worker._process is not None and worker._process.pid is not None
+            asked = asyncio.create_task(worker.ask_again("edit", replace(job, text=CAR + "#" * 3_000_000), move))
+            await asyncio.sleep(0.05)
+            os.kill(worker._process.pid, signal.SIGKILL)  # as the system does where memory is short
+            kind, told, _ = await asked
+            assert kind == "done" and "d: 2 kN*s/m" in told["text"]
         finally:
             worker.close()
 

@@ -211,6 +211,22 @@ def test_what_changes_on_disk_appears_and_is_never_overwritten(tab: browser.Tab,
 
 
 @pytest.mark.long
+def test_a_file_that_was_removed_is_told_and_written_anew(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server)
+    (server.folder / "car.yaml").unlink()
+    assert "has been removed" in tab.wait("!document.querySelector('#banner').hidden && "
+                                          "document.querySelector('#banner').innerText")
+    assert tab.run("studio.unsaved")
+    tab.key("s", ctrl=True)
+    tab.wait("!studio.unsaved && document.querySelector('#banner').hidden")
+    assert (server.folder / "car.yaml").read_text(encoding="utf-8") == CAR
+    (server.folder / "car.yaml").unlink()
+    tab.wait("studio.unsaved")
+    (server.folder / "car.yaml").write_text(CAR, encoding="utf-8")  # put back by another program
+    tab.wait("!studio.unsaved && document.querySelector('#banner').hidden")
+    assert tab.complaints == []
+
+
 def test_two_tabs_on_one_file_are_reconciled_or_told(tab: browser.Tab, server: Server, tmp_path: Path) -> None:
     """A tab without unsaved text follows the other; one with unsaved text is told, and its user decides."""
     _open(tab, server)

@@ -51,6 +51,8 @@ def test_each_value_of_a_bundled_part_can_be_set(path: Path) -> None:
     ("m: {}\n", ("m", "c"), "3", "m: {c: 3}\n"),
     ("m:\n    a: 1  # one\n    # end\nn: 2\n", ("m", "b"), "3", "m:\n    a: 1  # one\n    b: 3\n    # end\nn: 2\n"),
     ("a: 1", ("set", "x.y"), "3 bar", "a: 1\nset:\n  x.y: 3 bar"),
+    ("a: >-\n  5\n  m\n\nb: 2\n", ("a",), "6 m", "a: 6 m\n\nb: 2\n"),
+    ("a:\n  b: |\n    =1\n", ("a", "b"), "6 m", "a:\n  b: 6 m\n"),
     ("t: |\n  text\n  more\n", ("b",), "2", "t: |\n  text\n  more\nb: 2\n"),
     ("a: 1\n", ("b",), "=max(1, 2)", 'a: 1\nb: "=max(1, 2)"\n'),
     ("a: 1\n", ("b", "c", "d"), "2", "a: 1\nb:\n  c: {d: 2}\n")])
@@ -141,8 +143,11 @@ def test_renaming_there_and_back_gives_the_same_bytes(text: str, data: st.DataOb
     ("n: 3\nm:\n  a: 1\n", ("m", "a"), "n: 3\n"),
     ("m: {a: 1, b: 2, c: 3}\n", ("m", "b"), "m: {a: 1, c: 3}\n"),
     ("m: {a: 1, b: 2 }  # c\n", ("m", "b"), "m: {a: 1 }  # c\n"),
-    ("m: {a: 1,  # one\n    b: 2,  # two, b\n    c: 3}\n", ("m", "b"), "m: {a: 1,  # one\n    # two, b\n    c: 3}\n"),
+    ("m: {a: 1,  # one\n    b: 2,  # two, b\n    c: 3}\n", ("m", "b"), "m: {a: 1,  # one\n     # two, b\n    c: 3}\n"),
     ("m: {a: 1,  # one\n    b: 2}\n", ("m", "b"), "m: {a: 1  # one\n}\n"),
+    ("m: {a: 1,\n    b: 2}   # c\n", ("m", "a"), "m: {b: 2}   # c\n"),
+    ("m: {\n    a: 1,\n    b: 2}\n", ("m", "a"), "m: {\n    b: 2}\n"),
+    ("m: {a: 1,  # one\n    b: 2}\n", ("m", "a"), "m: { # one\n    b: 2}\n"),
     ("m: [x.a, y.b, z.c]\n", ("m", 0), "m: [y.b, z.c]\n"),
     ("m:\n  - x.a\n  - y.b  # why\nn: 1\n", ("m", 1), "m:\n  - x.a\nn: 1\n"),
     ("t: |\n  text\n\n  more\nb: 2\n", ("t",), "b: 2\n")])

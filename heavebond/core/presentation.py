@@ -59,6 +59,12 @@ def readable_unit(unit: str, size: float) -> str:
     return next(shown for least, shown in READABLE[unit] if abs(size) >= least)
 
 
+def readable_units(unit: str) -> list[tuple[float, str, float]]:
+    """From which size on (in a base unit) values read well in which unit, and the size of that unit, largest first;
+    nothing for a unit that stays."""
+    return [(least, shown, read_unit(shown).scale) for least, shown in READABLE.get(unit, ())]
+
+
 def converted(values: NDArray[np.float64], unit: str, shown: str) -> NDArray[np.float64]:
     """Values in one unit told in another of its kind."""
     if unit == shown:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from heavebond.core.errors import HeavebondError, Problem, Problems, RunWarning
+from heavebond.core.presentation import readable_units
 from heavebond.equations.connect import connect_as_far
 from heavebond.equations.expand import expand_as_far
 from heavebond.equations.expanded import Expanded
@@ -238,7 +239,7 @@ class Bench:
             warnings.simplefilter("ignore")
             result = quick.run(dict(job.values))
         told: Entry = {"verdict": {"status": "clean", "text": ""}, "signals": names,
-                       "units": {name: result.unit(name) for name in names}}
+                       **_units({name: result.unit(name) for name in names})}
         return told, np.vstack([result.time, *(probe.values(result) if names else [])])
 
     def animation(self, job: Job) -> tuple[Entry, Array]:
@@ -264,8 +265,14 @@ def _with_series(told: Entry, result: Result, names: Sequence[str]) -> tuple[Ent
     """What is told of a run, with the units of signals, and their values: the time in s, then each signal."""
     names = list(dict.fromkeys(names))
     signals = result.signals(names) if names else {}
-    told = {**told, "signals": names, "units": {name: result.unit(name) for name in names}}
+    told = {**told, "signals": names, **_units({name: result.unit(name) for name in names})}
     return told, np.vstack([result.time, *(signals[name] for name in names)])
+
+
+def _units(units: dict[str, str]) -> Entry:
+    """The units of signals, and in which ones the charts show values in base units, by the size of the values."""
+    steps = {unit: readable_units(unit) for unit in units.values()}
+    return {"units": units, "readable": {unit: found for unit, found in steps.items() if found}}
 
 
 def _figures(result: Result, names: Sequence[str]) -> dict[str, Entry]:

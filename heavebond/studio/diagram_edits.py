@@ -30,19 +30,24 @@ Entry = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Diagram:
-    """A diagram while it is edited: its text, what that says, and the parts, ports and nodes as far as they are known."""
+class Written:
+    """The text of a diagram while it is edited, and what it says as YAML: values may still be wrong."""
 
     text: str
     said: dict[str, Tree]
-    model: Model
-    expanded: Expanded
-    network: Network
-
     def section(self, name: str) -> dict[str, Tree]:
         """The entries of a section of this file; none where it is missing."""
         found = self.said.get(name)
         return found if isinstance(found, dict) else {}
+
+
+@dataclass(frozen=True)
+class Diagram(Written):
+    """A diagram while it is edited, with its parts, ports and nodes as far as they are known."""
+
+    model: Model
+    expanded: Expanded
+    network: Network
 
     @property
     def taken(self) -> set[str]:
@@ -77,6 +82,13 @@ class Diagram:
         """The node on which a port is, empty where it is on none."""
         return next((name for name, wire in self.model.body.wires.items()
                      if any(end.path == port for end in wire.ends)), "")
+
+
+def read_text_only(text: str, job: Job) -> Written:
+    """What stands in a text; ModelError where it is no YAML."""
+    said = tree(parse(text, Path(job.path), job.name).root)
+    assert isinstance(said, dict)
+    return Written(text, said)
 
 
 def read_diagram(text: str, job: Job) -> Diagram:
@@ -284,7 +296,7 @@ def without_node(diagram: Diagram, name: str) -> str:
 
 
 # -- values ----------------------------------------------------------------------------------------------------------------
-def set_value(diagram: Diagram, job: Job, action: Entry) -> Entry:
+def set_value(diagram: Written, job: Job, action: Entry) -> Entry:
     """A parameter or input by its path, as it is written; with nothing, the entry goes."""
     path, value = str(action["path"]), str(action["value"]).strip()
     keys: tuple[Key, ...] = place_of(parse(diagram.text).root, path)

@@ -16,7 +16,8 @@ async def _home(tab: Tab, _: dict[str, Any]) -> Answer:
     tab.document = None
     found = await asyncio.to_thread(tab.folder.diagrams)
     machines = [{k: v for k, v in entry.items() if k != "path"} for entry in bundled_machines()]
-    return "done", {"folder": str(tab.folder.root), "diagrams": found, "machines": machines,
+    there = await asyncio.to_thread(tab.folder.root.is_dir)
+    return "done", {"folder": str(tab.folder.root), "there": there, "diagrams": found, "machines": machines,
                     "first": tab.first}, None
 
 

@@ -120,21 +120,21 @@ class Folder:
         return Document(name, path, _decoded(raw), version(raw), not name.startswith(BUNDLED) and os.access(path, os.W_OK))
 
     def save(self, name: str, text: str, base: str) -> Document:
-        """Write a text in place of the version `base`, in the line ends of the file; UsageError `file-changed` where another
-        version stands on disk."""
+        """Write a text in place of the version `base`, in the line ends of the file, or anew where the file was removed;
+        UsageError `file-changed` where another version stands on disk."""
         if name.startswith(BUNDLED):
             raise UsageError([Problem("file-bundled", "a bundled diagram cannot be changed", None,
                                       "Copy the machine into your folder, and change the copy.")])
         path = self.path(name)
         if len(data := text.encode("utf-8")) > FILE_BYTES:
             raise UsageError([Problem("file-too-large", f"the text is larger than {FILE_BYTES // 10**6} MB")])
-        before = path.read_bytes() if path.is_file() else b""
-        if version(before) != base:
+        before = path.read_bytes() if path.is_file() else None
+        if before is not None and version(before) != base:
             raise UsageError([Problem("file-changed", f"{name} has been changed on disk since it was read", None,
                                       "Compare the two, then keep one.")])
         try:
             with new_file(path) as fresh:
-                fresh.write_bytes(_encoded(data, before))
+                fresh.write_bytes(_encoded(data, before or b""))
         except OSError as error:
             raise UsageError([Problem("file-unwritable", f"{name} cannot be saved: {error.strerror or error}")]) from None
         return self.read(name)

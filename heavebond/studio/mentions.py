@@ -42,7 +42,7 @@ def _formula(path: tuple[Key, ...], raw: str) -> bool:
     if path[-1] in WORDS.get(str(section), ()):
         return False
     if section in ("parameters", "components", "set", "simulate"):
-        return raw.lstrip("'\"").startswith("=")
+        return re.sub(r"^[|>][^\n]*\n", "", raw).lstrip().lstrip("'\"").startswith("=")  # also one in a block of text
     return section in ("nodes", "initial", "show", "view", "equations", "stores", "dissipates", "requires")
 
 

@@ -6,7 +6,7 @@ import re
 
 from heavebond.core.errors import Problem, UsageError
 from heavebond.core.presentation import readable_unit
-from heavebond.studio.diagram_edits import Diagram, Entry, free_name, section_before
+from heavebond.studio.diagram_edits import Diagram, Entry, Written, free_name, section_before
 from heavebond.studio.job import Job
 from heavebond.text.yaml_edits import Key, Tree, delete_entry, set_entry
 
@@ -27,7 +27,7 @@ def show_signal(diagram: Diagram, job: Job, action: Entry) -> Entry:
     return {"text": _without(diagram, "show", name), **back}
 
 
-def initial_value(diagram: Diagram, job: Job, action: Entry) -> Entry:
+def initial_value(diagram: Written, job: Job, action: Entry) -> Entry:
     """The value of a variable at the start, or with nothing none."""
     signal, value = str(action["signal"]), str(action["value"]).strip()
     if value:
@@ -35,7 +35,7 @@ def initial_value(diagram: Diagram, job: Job, action: Entry) -> Entry:
     return {"text": _without(diagram, "initial", signal), **_selected(action)}
 
 
-def run_setting(diagram: Diagram, job: Job, action: Entry) -> Entry:
+def run_setting(diagram: Written, job: Job, action: Entry) -> Entry:
     """`until` and `every` under `simulate:`, or the kind of start under `initial:`; with nothing, the entry goes."""
     key, value = str(action["key"]), str(action["value"]).strip()
     if key == "start":
@@ -58,7 +58,7 @@ def _set(text: str, keys: tuple[Key, ...], value: Tree) -> str:
     return set_entry(text, keys, value, after=section_before(text, str(keys[0])))
 
 
-def _without(diagram: Diagram, section: str, key: str) -> str:
+def _without(diagram: Written, section: str, key: str) -> str:
     """The text without an entry, and without its section where nothing else stands in it."""
     entries = diagram.section(section)
     if key not in entries:

@@ -7,15 +7,19 @@ from pathlib import Path
 from typing import Any
 
 from heavebond.studio.tab import Handler, Tab, times
-from heavebond.studio.workers import Answer
+from heavebond.studio.workers import LOST, Answer
 
 HANGS = 10.0  # s of a check after which a newer one ends it
+LEFT = 1.5  # s after which one of a diagram that was left is ended for that of another
 
 
 async def _view(tab: Tab, message: dict[str, Any]) -> Answer:
     job = tab.job(message)
     opened = [str(name) for name in message.get("opened", ())]
-    answer = await tab.checker.ask_newest("view", job, opened, patience=HANGS)
+    patience, tab.checked = HANGS if tab.checked == job.name else LEFT, job.name
+    answer = await tab.checker.ask_newest("view", job, opened, patience=patience)
+    if answer == LOST:
+        answer = await tab.checker.ask_newest("view", job, opened, patience=patience)
     for part in answer[1].get("parts", {}).values() if answer[0] == "done" else ():
         part["file"] = tab.folder.document(Path(part.pop("path")))
     if answer[0] == "done" and tab.document is not None and tab.document.name == job.name:
@@ -25,7 +29,7 @@ async def _view(tab: Tab, message: dict[str, Any]) -> Answer:
 
 
 async def _edit(tab: Tab, message: dict[str, Any]) -> Answer:
-    return await tab.checker.ask("edit", tab.job(message), dict(message["action"]))
+    return await tab.checker.ask_again("edit", tab.job(message), dict(message["action"]))
 
 
 async def _palette(tab: Tab, message: dict[str, Any]) -> Answer:

@@ -7,6 +7,7 @@ import contextlib
 import json
 from collections.abc import Awaitable, Callable
 from collections.abc import Mapping as Dictionary
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from heavebond.studio.long_jobs import LongJob, LongJobs
 from heavebond.studio.workers import Answer, Worker
 
 WATCH = 0.4  # s between two looks at the files on disk
+GONE = "gone"  # the version of a document whose file was removed
 Handler = Callable[["Tab", dict[str, Any]], Awaitable[Answer]]
 
 
@@ -31,6 +33,7 @@ class Tab:
         self.websocket, self.folder, self.first, self.handlers, self.jobs = websocket, folder, first, handlers, jobs
         self.checker, self.runner, self.librarian = Worker(), Worker(), Worker()
         self.document: Document | None = None
+        self.checked = ""  # the document that was checked last
         self.others: dict[str, float] = {}  # the files that the diagram reads besides its own, with their times
         self.sending = asyncio.Lock()
         self.tasks: set[asyncio.Task[None]] = set()
@@ -106,6 +109,11 @@ class Tab:
                     and self.document is document:
                 self.document = now
                 await self.send({"push": "disk", **document_entry(now)})
+            elif await asyncio.to_thread(_missing, self.folder, document) and document.version != GONE:
+                await asyncio.sleep(WATCH)  # some programs remove a file before they write it again
+                if await asyncio.to_thread(_missing, self.folder, document) and self.document is document:
+                    self.document = replace(document, version=GONE)
+                    await self.send({"push": "gone", "name": document.name})
             now_times = await asyncio.to_thread(times, list(self.others))
             if now_times != self.others and self.document is document:
                 self.others = now_times
@@ -129,9 +137,17 @@ def _again(folder: Folder, document: Document) -> Document | None:
     """The document as it stands on disk now, if that is another one that can be read."""
     try:
         now = folder.read(document.name)
-    except HeavebondError:
+    except (HeavebondError, OSError):
         return None  # deleted or being written; what is on the page can be saved again
     return now if now.version != document.version else None
+
+
+def _missing(folder: Folder, document: Document) -> bool:
+    """Whether there is no file of the document any more."""
+    try:
+        return not folder.path(document.name).exists()
+    except (HeavebondError, OSError):
+        return True
 
 
 def times(files: list[str]) -> dict[str, float]:

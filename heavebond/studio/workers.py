@@ -20,6 +20,9 @@ ENDED = Problem("worker-ended", "the computation ended before it was done", None
                 "If nobody stopped it, this machine's memory did not suffice.")
 
 
+LOST: Answer = ("problems", [ENDED], None)
+
+
 class Worker:
     """One process that does one task after the other; it is started when it is first needed and after it was ended."""
 
@@ -35,6 +38,11 @@ class Worker:
         """The answer to a task, after those that were asked for before."""
         async with self._turn:
             return await self._do(task, given)
+
+    async def ask_again(self, task: str, *given: Any) -> Answer:
+        """The same for a short task: where its process was ended from outside, it is done once more by a new one."""
+        answer = await self.ask(task, *given)
+        return await self.ask(task, *given) if answer == LOST else answer
 
     async def ask_newest(self, task: str, *given: Any, patience: float = float("inf")) -> Answer:
         """The same, but a task that waits is dropped as soon as a newer one comes, and one that takes longer than `patience`
@@ -62,7 +70,7 @@ class Worker:
             return answer
         except (EOFError, OSError):
             self._forget()
-            return ("stopped", {}, None) if self.stopped else ("problems", [ENDED], None)
+            return ("stopped", {}, None) if self.stopped else LOST
         finally:
             self._since = 0.0
 

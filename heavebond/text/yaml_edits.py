@@ -29,7 +29,10 @@ def set_entry(text: str, keys: Several[Key], value: Tree, *, after: str = "") ->
     rest = keys[depth:]
     if not rest:
         blank = " " if text[at.begin - 1:at.begin] == ":" else ""
-        changed = text[:at.begin] + blank + _flow(value) + text[at.end:]
+        end = at.end
+        while text[at.begin:at.begin + 1] in ("|", ">") and text[end - 1] == "\n":  # a block of text ends behind its lines
+            end -= 1
+        changed = text[:at.begin] + blank + _flow(value) + text[end:]
     else:
         changed = _inserted(text, at, [str(key) for key in rest], value, after)
     return _checked(changed, wanted, keys)
@@ -239,8 +242,10 @@ def _without_flow(text: str, places: Several[tuple[int, int]], k: int) -> str:
     if k + 1 < len(places):
         comma = _comma(text, end)
         stop = comma + 1
-        while text[stop:stop + 1] == " ":
-            stop += 1
+        alone = not text[text.rfind("\n", 0, begin) + 1:begin].strip()
+        while text[stop:stop + 1] == " " or (not k and not alone and text[stop:stop + 1] == "\n"):
+            stop += 1  # the next one moves up to the bracket
+        stop -= text[stop:stop + 1] == "#"  # a comment begins behind a blank
         changed = text[:begin] + text[end:comma] + text[stop:]
     else:
         if k:

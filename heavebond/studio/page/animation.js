@@ -95,15 +95,17 @@ export class Animation {
   async load() {
     const { link, runs, document: file } = this.studio, run = this.of;
     if (!this.what || !run) { this.tell(); return; }
+    if (this.what === "modes" ? !this.modes : !this.data) this.legend?.replaceChildren("computing…");
     try {
       const given = { name: file.name, text: run.text, values: run.values };
-      if (this.what === "modes") { if (!this.modes) { const told = await link.ask("modes", given); if (told.kind === "done" && runs.live === run) this.modes = told.modes; } }
+      if (this.what === "modes") { if (!this.modes) { const told = await link.ask("modes", given); if (told.kind === "done" && runs.live === run) { this.modes = told.modes; this.mode = Math.max(0, told.modes.findIndex((/** @type {any} */ m) => m.swings)); } } }
       else if (!this.data) {
         const told = await link.ask("animation", given);
         if (told.kind === "done" && runs.live === run) { this.data = told; this.measure(told); }
       }
     } catch (error) {
       this.studio.edits.refuse(error instanceof Error ? error.message : String(error));
+      this.tell();
       return;
     }
     this.draw();
@@ -270,7 +272,7 @@ export class Animation {
     if (!this.legend) return;
     if (this.what === "modes" && this.modes) {
       if (this.legend.querySelector("#mode")) return;
-      const words = (/** @type {any} */ m) => m.swings ? `${number(m.frequency, 4)} Hz, damping ratio ${number(m.damping, 3)}` : m.frequency ? `${m.damping < 0 ? "grows, " : ""}time constant ${number(1 / (2 * Math.PI * m.frequency), 3)} s` : "at rest";
+      const words = (/** @type {any} */ m) => m.swings ? `${number(m.frequency, 4)} Hz, damping ratio ${number(m.damping, 3)}` : m.frequency ? `${m.damping < 0 ? "grows, " : ""}time constant ${number(1 / (2 * Math.PI * m.frequency), 3)} s` : "eigenvalue 0, free motion";
       this.legend.replaceChildren(this.modes.length ? el("select", { id: "mode", "aria-label": "mode", onchange: (/** @type {any} */ e) => { this.mode = Number(e.target.value); this.draw(); } },
         ...this.modes.map((/** @type {any} */ m, /** @type {number} */ k) => el("option", { value: k, selected: k === this.mode }, words(m)))) : "no modes", " at the start");
       return;

@@ -4,7 +4,7 @@ import { byId } from "./dom.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const LEAST = 0.05, MOST = 6, STEP = 40, RIM = [130, 80]; // px; the rim on both sides is where new columns and rows begin
-const RIM_SHARE = 0.16; // of a small sheet at most
+const RIM_SHARE = 0.12; // of a small sheet at most
 
 export class Diagram {
   /** @param {any} studio */

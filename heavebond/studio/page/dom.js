@@ -37,21 +37,34 @@ export function download(name, blob) {
   setTimeout(() => URL.revokeObjectURL(link.getAttribute("href") ?? ""), 10_000);
 }
 
-/** Ask for a name; `act` is tried with it, and what it throws is shown. @param {string} title @param {string} words @param {string} first @param {(name: string) => Promise<void>} act @param {string} [button] */
+/** A form that is at work: its main button waits, and is not pressed twice. @param {HTMLElement} form @param {() => Promise<void>} act */
+export async function busy(form, act) {
+  const button = /** @type {HTMLButtonElement|null} */ (form.querySelector("menu button.main"));
+  if (button?.disabled) return;
+  const words = button?.textContent ?? "";
+  if (button) Object.assign(button, { disabled: true, textContent: "Working…" });
+  try { await act(); }
+  finally { if (button) Object.assign(button, { disabled: false, textContent: words }); }
+}
+
+/** Ask for a name; `act` is tried with it, and what it throws is shown. What it returns is done once the dialog has gone. @param {string} title @param {string} words @param {string} first @param {(name: string) => Promise<void|(() => any)>} act @param {string} [button] */
 export function askName(title, words, first, act, button = "Make") {
   const dialog = /** @type {HTMLDialogElement} */ (byId("ask")), form = /** @type {HTMLFormElement} */ (dialog.querySelector("form"));
   const input = el("input", { id: "ask-name", value: first, spellcheck: "false", autocomplete: "off" });
   const wrong = el("p", { class: "wrong", role: "alert" });
   form.replaceChildren(el("b", {}, title), el("br"), el("label", { for: "ask-name" }, words), input, wrong,
     el("menu", {}, el("button", { type: "button", onclick: () => dialog.close() }, "Cancel"), el("button", { class: "main" }, button)));
-  form.onsubmit = async (event) => {
+  form.onsubmit = (event) => {
     event.preventDefault();
-    try {
-      await act(/** @type {HTMLInputElement} */ (input).value.trim());
-      dialog.close();
-    } catch (error) {
-      wrong.textContent = error instanceof Error ? error.message : String(error);
-    }
+    void busy(form, async () => {
+      try {
+        const then = await act(/** @type {HTMLInputElement} */ (input).value.trim());
+        dialog.close();
+        then?.();
+      } catch (error) {
+        wrong.textContent = error instanceof Error ? error.message : String(error);
+      }
+    });
   };
   dialog.showModal();
   /** @type {HTMLInputElement} */ (input).select();

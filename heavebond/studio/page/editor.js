@@ -23,7 +23,9 @@ export class Editor {
     this.writable = new cm.Compartment();
     this.quiet = false;
     this.extensions = [
-      cm.EditorView.cspNonce.of(nonce), cm.EditorState.lineSeparator.of("\n"), cm.lineNumbers(), cm.highlightActiveLine(),
+      cm.EditorView.cspNonce.of(nonce), cm.EditorState.lineSeparator.of("\n"),
+      cm.EditorView.clipboardInputFilter.of((/** @type {string} */ text) => text.replace(/\r\n?/g, "\n")), // lines from Windows; saving gives them the ends that the file has
+      cm.lineNumbers(), cm.highlightActiveLine(),
       cm.highlightActiveLineGutter(), cm.highlightSpecialChars(), cm.drawSelection(), cm.history({ minDepth: 1e9 }), cm.indentUnit.of("  "),
       cm.bracketMatching(), cm.closeBrackets(), cm.search(), cm.highlightSelectionMatches(), cm.lintGutter(), cm.yaml(),
       cm.syntaxHighlighting(look), theme, cm.EditorView.contentAttributes.of({ "aria-label": "Text of the diagram" }),

@@ -3,6 +3,7 @@
 import { byId, el, message } from "./dom.js";
 
 const TOLD = 7000; // ms for which a reason is shown
+const SLOW = 500; // ms from which on the page says that an edit is under way
 
 export class Edits {
   /** @param {any} studio */
@@ -13,17 +14,18 @@ export class Edits {
 
   get possible() { return Boolean(this.studio.document?.writable) && !this.studio.view?.evidence && !this.studio.view?.study; }
 
-  /** One action after the other; what it selects is selected. @param {Record<string, any>} action @returns {Promise<boolean>} whether it was done */
-  act(action) {
-    const done = this.turn.then(() => this.perform(action));
-    this.turn = done.then(() => undefined);
+  /** One action after the other; what it selects is selected. @param {Record<string, any>} action @param {(words: string) => void} [refused] where else than on the drawing the reason is told @returns {Promise<boolean>} whether it was done */
+  act(action, refused = (words) => this.refuse(words)) {
+    const done = this.turn.then(() => this.perform(action, refused));
+    this.turn = done.then(() => undefined, () => undefined); // whatever became of one, the next has its turn
     return done;
   }
 
-  /** @param {Record<string, any>} action */
-  async perform(action) {
+  /** @param {Record<string, any>} action @param {(words: string) => void} refused */
+  async perform(action, refused) {
     const { studio } = this, before = studio.editor.text, name = studio.document?.name;
     if (!this.possible) { this.refuse(studio.view?.evidence ? "An experiment shows the diagram of another file. Open that diagram to change it." : "This diagram is read only. Copy or extend it to change it."); return false; }
+    const words = "changing the text…", slow = setTimeout(() => studio.say(words), SLOW);
     try {
       const told = await studio.link.ask("edit", { name, text: before, action: { grid: studio.view?.grid, ...action } });
       if (told.kind !== "done" || studio.document?.name !== name) return false;
@@ -39,9 +41,19 @@ export class Edits {
       if (told.removed?.length) studio.say(`also removed: ${told.removed.join(", ")} (Ctrl+Z brings all back)`);
       return true;
     } catch (error) {
-      this.refuse(error instanceof Error ? error.message : String(error));
+      refused(error instanceof Error ? error.message : String(error));
       return false;
+    } finally {
+      clearTimeout(slow);
+      if (byId("status").textContent === words) studio.say("");
     }
+  }
+
+  /** A value typed into a field, written into the text; one that is refused stays in the field with the reason below it. @param {Record<string, any>} action @param {HTMLInputElement} field @param {HTMLElement} wrong @returns {Promise<boolean>} whether it was written */
+  write(action, field, wrong) {
+    const tell = (/** @type {string} */ words) => { wrong.replaceChildren(...message(words)); field.setAttribute("aria-invalid", String(Boolean(words))); };
+    tell("");
+    return this.act(action, tell);
   }
 
   /** @param {string} words */
@@ -88,7 +100,10 @@ export class Edits {
     const picked = this.selected;
     if (!picked || name === picked.path) return;
     void this.act(picked.kind === "part" ? { act: "rename", part: picked.path, name } : { act: "rename_node", node: picked.path, name })
-      .then((done) => { if (!done) this.studio.panel.show(); });
+      .then((done) => {
+        if (!done) this.studio.panel.show();
+        else if (document.activeElement?.id === "item-name") (this.studio.diagram.group(name) ?? byId("sheet")).focus({ preventScroll: true }); // Enter was pressed: the keys act on the part again
+      });
   }
 
   /** A step over the grid by the keyboard. @param {number} dx @param {number} dy */

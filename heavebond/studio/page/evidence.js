@@ -277,7 +277,7 @@ export class Evidence {
     const list = (/** @type {any[]} */ rows) => el("ul", { class: "signals" }, ...rows);
     const free = Object.entries(said.free).map(([name, f]) => el("li", {}, el("code", {}, name), ` ${number(f.low, 4)} .. ${number(f.high, 4)} ${f.unit === "1" ? "" : unitLabel(f.unit)}`));
     return [el("h3", {}, "Records"), list(said.records.map((/** @type {any} */ r) => el("li", {}, el("code", {}, r.name), ` ${r.file}, ${r.use}`))),
-      el("h3", {}, "Driven by"), list(Object.entries(said.inputs).map(([name, column]) => el("li", {}, el("code", {}, name), ` column ${column}`))),
+      el("h3", {}, "Driven by"), Object.keys(said.inputs).length ? list(Object.entries(said.inputs).map(([name, column]) => el("li", {}, el("code", {}, name), ` column ${column}`))) : el("p", {}, "The diagram's own inputs; no column of the records drives it."),
       el("h3", {}, "Compared"), list(said.outputs.map((/** @type {any} */ o) => el("li", {}, el("code", {}, o.name), o.formula === o.name ? "" : ` = ${o.formula}`, ` [${o.unit}]`))),
       ...(free.length ? [el("h3", {}, "Free to be estimated"), list(free)] : [])];
   }

@@ -11,6 +11,7 @@ export class DiagramFile {
   constructor(studio) {
     this.studio = studio;
     this.offered = false;
+    this.refused = false; // whether the banner tells that the text could not be saved, or has no file any more
   }
 
   get unsaved() { return Boolean(this.studio.document) && this.studio.editor.text !== this.studio.document.text; }
@@ -68,9 +69,12 @@ export class DiagramFile {
       Object.assign(this.studio.document, { text: saved.text, version: saved.version });
       this.keepDraft();
       this.marks();
+      if (this.refused) this.studio.banner([]);
+      this.refused = false;
       this.studio.say("saved");
     } catch (error) {
       if (error instanceof Refused && error.problems[0].code === "file-changed") return; // the push tells of it
+      this.refused = true;
       this.studio.banner([error instanceof Error ? error.message : String(error)]);
     }
   }
@@ -79,7 +83,17 @@ export class DiagramFile {
   pushed(message) {
     if (message.push === "others") { void this.studio.check(false); this.studio.say("a file that the diagram reads has changed"); return; }
     if (!this.studio.document || message.name !== this.studio.document.name) return;
+    if (message.push === "gone") {
+      this.studio.document = { ...this.studio.document, text: "", version: "" }; // all of the text is unsaved now
+      this.marks();
+      this.keepDraft();
+      this.studio.banner([`${message.name} has been removed from the folder. Its text is kept here: saving writes the file anew.`]);
+      this.refused = true;
+      return;
+    }
     const text = this.studio.editor.text, before = this.studio.document.text;
+    if (this.refused) this.studio.banner([]); // the file is there again, or another
+    this.refused = false;
     if (text === message.text || text === before) {
       this.studio.document = { ...this.studio.document, ...message };
       this.studio.editor.replace(message.text);

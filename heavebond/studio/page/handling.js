@@ -17,6 +17,8 @@ export class Handling {
     const target = /** @type {Element} */ (event.target);
     if (!this.studio.edits.possible || byId("diagram").classList.contains("stale")) return false;
     const port = target.closest("[data-port]"), part = target.closest("g.part")?.getAttribute("data-part") ?? "";
+    // a press that is handled here moves no focus by itself, and the keys of the drawing act on what was clicked
+    (this.studio.diagram.group(part) ?? this.sheet).focus({ preventScroll: true });
     if (this.studio.wiring.from && !this.studio.wiring.pressed) { this.finish(event); return true; } // begun by the keyboard
     if (port) { this.wire(event, port); return true; }
     if (part && !part.includes(".") && this.studio.view?.grid?.cells[part]) {

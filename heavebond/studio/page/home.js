@@ -7,7 +7,7 @@ export function showHome(studio, told) {
   const open = (/** @type {string} */ name, /** @type {string} */ text) => el("button", { class: "plain", "data-open": name, onclick: () => studio.open(name) }, text);
   const fresh = (/** @type {boolean} */ empty) => askName(empty ? "An empty diagram" : "A new diagram", "Its name, letters, digits and _:", "machine", async (name) => {
     const made = await studio.link.ask("new", { name, empty });
-    await studio.open(made.name);
+    return () => studio.open(made.name);
   });
   const cards = (/** @type {any[]} */ found) => el("ul", { class: "cards" }, ...found.map((d) => {
     const cut = d.name.lastIndexOf("/") + 1;
@@ -15,6 +15,7 @@ export function showHome(studio, told) {
   }));
   const diagrams = told.diagrams.filter((/** @type {any} */ d) => d.kind === "model"), of = (/** @type {string} */ kind) => told.diagrams.filter((/** @type {any} */ d) => d.kind === kind), experiments = of("experiment"), components = of("component"), studies = of("study");
   const own = diagrams.length ? cards(diagrams)
+    : !told.there ? el("p", { class: "verdict", role: "alert" }, `The folder ${told.folder} is not there any more. Put it back, or start heavebond studio in another folder.`)
     : el("p", { class: "none" }, "No diagrams yet. Make a new one, or copy a machine from below and change it.");
   /** @type {Map<string, any[]>} */
   const machines = new Map();

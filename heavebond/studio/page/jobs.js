@@ -130,7 +130,7 @@ export class Jobs {
   openTuning(open) {
     this.tuning = open;
     this.evidence.layout();
-    if (open) { void this.load(); this.evidence.show(); }
+    if (open) { void this.load(); this.evidence.show(); document.getElementById("tab-tune")?.focus(); }
     else byId("tune").focus();
   }
 

@@ -169,6 +169,11 @@ class Studio {
     this.editor.open(told.text, told.writable);
     this.file.marks();
     this.file.offerDraft();
+    byId("problems").replaceChildren(); // those of the diagram before
+    byId("to-problems").textContent = "";
+    this.panel.show();
+    byId("nothing").replaceChildren(el("p", {}, "Reading the diagram…"));
+    byId("nothing").hidden = false;
     await this.check(true);
     if (this.edits.possible && this.view?.parts && !this.view.svg) this.palette.toggle(true);
     if (this.document?.name === name) void this.readAhead(name);
@@ -193,7 +198,7 @@ class Studio {
     const words = how === "copy" ? "Name of the new folder, letters, digits and _:" : "Name of the new diagram, letters, digits and _:";
     askName(how === "copy" ? "A copy with all files of the machine" : "A diagram that extends this one", words, first, async (name) => {
       const made = await this.link.ask(how, { name, origin, values: this.runs.values });
-      await this.open(made.name);
+      return () => this.open(made.name);
     });
   }
 
@@ -211,7 +216,7 @@ class Studio {
     /** @type {any} */
     const told = await this.link.ask("view", { name, text, opened: this.opened }).catch((error) => ({ kind: "failed", error }));
     if (told.kind !== "done" || this.document?.name !== name) {
-      if (told.kind === "failed" && this.document?.name === name) this.say(told.error.message);
+      if (told.kind === "failed" && this.document?.name === name) { this.hint(false); this.say(told.error.message); }
       return;
     }
     const first = !this.view?.svg, empty = told.parts && !told.svg;

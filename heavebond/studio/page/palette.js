@@ -6,7 +6,7 @@ import { symbolOf } from "./handling.js";
 
 const BOTH = 1900; // px of the page from which on the library stands beside the text
 /** Other words for what the library has. @type {Record<string, string>} */
-const MEANT = { wall: "fixed", ground: "fixed", frame: "fixed", anchor: "fixed", support: "fixed", dashpot: "damper", weight: "mass", load: "mass",
+const MEANT = { wall: "fixed", ground: "fixed", frame: "fixed", anchor: "fixed", support: "fixed", dashpot: "damper", weight: "mass", load: "mass", gravity: "weight",
   flywheel: "inertia", gearbox: "gear", reservoir: "tank", restriction: "orifice", throttle: "orifice", hose: "line", pipe: "line", battery: "voltage", coil: "inductor" };
 
 export class Palette {
@@ -31,7 +31,9 @@ export class Palette {
     const text = !byId("model").classList.contains("no-text");
     if (on && text && innerWidth < BOTH) { this.instead = true; this.studio.toggleText(); } // the drawing keeps its room
     if (!on && this.instead) { this.instead = false; if (!text) this.studio.toggleText(); }
-    if (on) void Promise.resolve(this.load()).then(() => document.getElementById("palette-search")?.focus());
+    if (!on) return;
+    void this.load();
+    document.getElementById("palette-search")?.focus(); // words may be typed before the components are there
   }
 
   /** As for a diagram that was just opened, whose folder may have components of its own. */
@@ -45,21 +47,23 @@ export class Palette {
     const name = this.studio.document.name;
     if (this.loaded === name) return undefined;
     if (this.loading?.name === name) return this.loading?.done;
-    const done = this.fetch(name).finally(() => { this.loading = null; });
+    const done = this.fetch(name).catch((error) => this.content?.replaceChildren(el("p", { class: "empty" }, error.message))).finally(() => { this.loading = null; });
     this.loading = { name, done };
     return done;
   }
 
   /** @param {string} name of the document */
   async fetch(name) {
-    this.place.replaceChildren(el("p", { class: "empty" }, "Reading the library…"));
+    this.groups = [];
+    this.components = null;
+    this.build();
     const told = await this.studio.link.ask("palette", { name });
     if (told.kind !== "done" || this.studio.document?.name !== name) return;
     this.loaded = name;
     this.groups = told.groups;
     this.components = new Map(told.groups.flatMap((/** @type {any} */ g) => g.components.map((/** @type {any} */ c) => [c.name, c])));
     this.closed = new Set(told.groups.map((/** @type {any} */ g) => g.name).filter((/** @type {string} */ n) => n !== "this folder"));
-    this.build();
+    this.list();
   }
 
   build() {
@@ -81,6 +85,7 @@ export class Palette {
 
   /** Components whose name or summary has all words that are searched for; names first. */
   list() {
+    if (!this.components) { this.content?.replaceChildren(el("p", { class: "empty" }, "Reading the library…")); return; }
     const words = this.wanted.toLowerCase().split(/\s+/).filter(Boolean);
     const meant = words.map((w) => MEANT[w]);
     const rank = (/** @type {any} */ c) => meant.every((m) => m && c.name.toLowerCase().includes(m)) ? 0 : words.every((w) => c.name.toLowerCase().includes(w)) ? (c.name.toLowerCase().startsWith(words[0] ?? "") ? 0 : 1) :
@@ -101,7 +106,7 @@ export class Palette {
     const button = el("button", { class: "component", "data-component": c.name, title: `${c.summary}\nDrag it onto the drawing, or press Enter.`,
       onpointerdown: (/** @type {PointerEvent} */ event) => { if (event.button === 0 && this.studio.edits.possible) this.studio.handling.bring(event, c, () => { button.focus(); void this.tell(c.name); }); },
       onkeydown: (/** @type {KeyboardEvent} */ event) => this.key(event, c),
-      ondblclick: () => this.put(c.name) }, el("span", { class: "symbol" }, symbolOf(c)), el("span", {}, el("b", {}, c.name), el("span", { class: "doc" }, c.summary)));
+      ondblclick: () => this.put(c.name) }, el("span", { class: "symbol" }, symbolOf(c)), el("span", {}, el("b", {}, ...c.name.split(/(?<=[a-z0-9])(?=[A-Z])/).flatMap((/** @type {string} */ word, /** @type {number} */ k) => k ? [el("wbr"), word] : [word])), el("span", { class: "doc" }, c.summary)));
     return el("li", {}, button);
   }
 

@@ -35,7 +35,7 @@ export class Panel {
     if (view.component) return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.parameters(view.parameters), ...this.studio.edits.ports(view.component),
       el("h3", {}, "More"), el("p", {}, "The inside of a component. Changes act wherever a diagram uses it, once the file is saved.")];
     return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.changed(), ...this.studio.evidence.summary(), ...this.parameters(view.parameters), ...this.settings(view),
-      ...this.signals("Outputs", view.outputs, view.named), view.outputs.length || this.studio.evidence.active ? null : el("p", {}, "The diagram names no outputs yet."),
+      ...this.signals(view.named ? "Outputs" : "States", view.outputs, view.named), view.outputs.length || this.studio.evidence.active ? null : el("p", {}, "The diagram names no outputs yet."),
       el("h3", {}, "More"), el("p", {}, "Click a part or a wire of the drawing, or go there by Tab and press Enter: its parameters and signals appear here.")].filter(Boolean);
   }
 
@@ -108,12 +108,12 @@ export class Panel {
     const field = s && !written && el("input", { id, value: number(now, 6), inputmode: "decimal", "aria-describedby": `${id}-doc`,
       onchange: (/** @type {any} */ event) => this.typed(p, event.target, wrong) });
     const text = written && el("input", { id, class: "mono", value: given ?? p.text, "aria-describedby": `${id}-doc`, spellcheck: "false", autocomplete: "off", placeholder: p.unit && p.unit !== "1" ? `value in ${p.unit}` : "value",
-      title: "Enter writes the value into the text", onchange: (/** @type {any} */ event) => this.write(p, event.target.value) });
+      title: "Enter writes the value into the text", onchange: (/** @type {any} */ event) => this.write(p, event.target, wrong) });
     return el("div", { class: `parameter${given !== undefined ? " changed" : ""}${p.needed ? " missing" : ""}`, "data-parameter": p.path },
       el("div", { class: "head" }, el("label", { for: s || written ? id : null, title: p.path }, p.name),
         el("span", { class: "value" }, text || (s ? field : el("code", {}, p.text))), s && !written ? el("span", { class: "unit" }, unitLabel(unit)) : null),
-      ...(s ? this.slider(p, now) : []), wrong, el("div", { class: "doc", id: `${id}-doc` }, `${p.doc}${limits}`,
-        given !== undefined && el("button", { class: "plain", id: `${id}-reset`, onclick: () => this.studio.runs.setValue(p.path, undefined) }, ` back to ${p.text}`)));
+      ...(s ? this.slider(p, now) : []), wrong, el("div", { class: "doc", id: `${id}-doc` }, `${p.doc}${limits} `,
+        given !== undefined && el("button", { class: "plain", id: `${id}-reset`, onclick: () => this.studio.runs.setValue(p.path, undefined) }, `back to ${p.text}`)));
   }
 
   /** @param {any} p @param {number} now */
@@ -171,11 +171,11 @@ export class Panel {
     if (!said) this.studio.runs.setValue(p.path, this.text(s, value));
   }
 
-  /** A value into the text; the slider's, if there was one, is given up for it. @param {any} p @param {string} value */
-  write(p, value) {
+  /** A value into the text; the slider's, if there was one, is given up for it. @param {any} p @param {HTMLInputElement} field @param {HTMLElement} wrong */
+  write(p, field, wrong) {
     const { [p.path]: tried, ...values } = this.studio.runs.values;
-    void this.studio.edits.act({ act: "set", path: p.path, value }).then((/** @type {boolean} */ done) => {
-      if (!done) { this.show(); return; }
+    void this.studio.edits.write({ act: "set", path: p.path, value: field.value }, field, wrong).then((/** @type {boolean} */ done) => {
+      if (!done) return;
       if (tried !== undefined || this.studio.runs.live) this.studio.runs.setValues(values);
     });
   }
@@ -184,14 +184,14 @@ export class Panel {
   settings(view) {
     const { edits, evidence } = this.studio, told = view.settings;
     if (!told || evidence.active || (!edits.possible && !told.until)) return [];
-    const act = (/** @type {any} */ action) => void edits.act(action).then((/** @type {boolean} */ done) => { if (!done) this.show(); });
-    const row = (/** @type {string} */ id, /** @type {string} */ label, /** @type {any} */ field) => el("div", { class: "parameter setting" }, el("div", { class: "head" }, el("label", { for: id }, ...breakable(label)), el("span", { class: "value" }, field)));
+    const row = (/** @type {string} */ id, /** @type {string} */ label, /** @type {any} */ field) => el("div", { class: "parameter setting" }, el("div", { class: "head" }, el("label", { for: id }, ...breakable(label)), el("span", { class: "value" }, field)), el("div", { class: "wrong", role: "alert" }));
+    const act = (/** @type {any} */ action, /** @type {any} */ event) => void edits.write({ ...action, value: event.target.value }, event.target, event.target.closest(".parameter").querySelector(".wrong"));
     const field = (/** @type {string} */ key, /** @type {string} */ label, /** @type {string} */ hint) => row(`run-${key}`, label, el("input", { id: `run-${key}`, class: "mono", value: told[key], disabled: !edits.possible, placeholder: hint, spellcheck: "false", autocomplete: "off",
-      onchange: (/** @type {any} */ e) => act({ act: "setting", key, value: e.target.value }) }));
-    const start = el("select", { id: "run-start", disabled: !edits.possible, onchange: (/** @type {any} */ e) => act({ act: "setting", key: "start", value: e.target.value }) },
+      onchange: (/** @type {any} */ e) => act({ act: "setting", key }, e) }));
+    const start = el("select", { id: "run-start", disabled: !edits.possible, onchange: (/** @type {any} */ e) => act({ act: "setting", key: "start" }, e) },
       ...[["", "from initial values"], ["rest", "at rest"], ["steady", "in equilibrium"]].map(([key, words]) => el("option", { value: key, selected: key === told.start }, words)));
     const given = Object.entries(told.initial).map(([name, value]) => row(`initial-${name}`, name, el("input", { id: `initial-${name}`, class: "mono", value, disabled: !edits.possible, spellcheck: "false", autocomplete: "off",
-      title: "Value at the start; nothing removes it", onchange: (/** @type {any} */ e) => act({ act: "initial", signal: name, value: e.target.value }) })));
+      title: "Value at the start; nothing removes it", onchange: (/** @type {any} */ e) => act({ act: "initial", signal: name }, e) })));
     return [el("h3", {}, "Run"), field("until", "duration", "such as 5 s"), field("every", "output interval", "such as 5 ms"), row("run-start", "start", start), ...given];
   }
 
@@ -206,7 +206,7 @@ export class Panel {
         onclick: () => edits.act({ act: "show", signal, unit: s.unit, on: !shown, ...back }) }, shown ? "− output" : "+ output"),
       output ? null : el("button", { class: "plain quiet", title: "Value at the start of a run, under initial:", "aria-label": `value of ${signal} at the start`, onclick: () =>
         askName(`${signal} at the start`, `A value${s.unit && s.unit !== "1" ? ` in ${unitLabel(s.unit)} or another unit of its kind` : ""}; nothing removes it:`, given || (s.unit && s.unit !== "1" ? `0 ${s.unit}` : "0"), async (value) => {
-          await edits.act({ act: "initial", signal, value, ...back });
+          await edits.act({ act: "initial", signal, value, ...back }, (/** @type {string} */ words) => { throw new Error(words); });
         }, "Set") }, given ? `start ${given}` : "start"));
   }
 

@@ -22,15 +22,16 @@ export class Plots {
     /** @type {((time: number) => void)|undefined} */ this.onpoint = undefined;
   }
 
-  /** @param {any[]} runs the visible ones, each with `series` by name @param {string[]} plotted @param {HTMLElement[]} below what stands under the charts */
-  show(runs, plotted, below) {
+  /** @param {any[]} runs the visible ones, each with `series` by name @param {string[]} plotted @param {HTMLElement[]} above @param {HTMLElement[]} below what stands above and under the charts */
+  show(runs, plotted, above, below) {
     this.place.classList.remove("bare");
-    this.again = () => this.show(runs, plotted, below);
+    this.again = () => this.show(runs, plotted, above, below);
     const groups = grouped(runs, plotted);
     const shape = JSON.stringify([groups.map((g) => [g.unit, g.lines.map((/** @type {any} */ l) => [l.name, l.run.id, l.run.label])])]);
     if (shape !== this.shape) this.build(groups, shape);
     groups.forEach((group, k) => this.charts[k].setData(data(group), !this.limits));
     if (this.limits) for (const chart of this.charts) chart.setScale("x", this.limits);
+    this.head?.replaceChildren(...above);
     this.tail?.replaceChildren(...below);
   }
 
@@ -51,10 +52,11 @@ export class Plots {
   build(groups, shape) {
     this.clear();
     this.shape = shape;
+    this.head = el("div", { role: "alert" });
     this.tail = el("div");
     const places = groups.map((group) => el("div", { class: "chart", role: "img",
       "aria-label": `${group.lines.map((/** @type {any} */ l) => l.name).join(", ")} over time` }));
-    this.place.replaceChildren(...places, this.tail);
+    this.place.replaceChildren(this.head, ...places, this.tail);
     this.charts = groups.map((group, k) => new (/** @type {any} */ (uPlot))(this.options(group), data(group), places[k]));
     this.charts.forEach((chart, k) => zoomByKeys(places[k], chart, "time"));
   }
@@ -165,7 +167,7 @@ export function zoomByKeys(box, chart, group) {
   });
 }
 
-/** Lines by their unit. @param {any[]} runs @param {string[]} plotted */
+/** Lines by their unit, with the one in which they read well: bar for large pressures in Pa. @param {any[]} runs @param {string[]} plotted */
 function grouped(runs, plotted) {
   /** @type {Map<string, any>} */
   const groups = new Map();
@@ -177,13 +179,21 @@ function grouped(runs, plotted) {
       groups.get(unit).lines.push({ name, run });
     }
   }
+  for (const group of groups.values()) {
+    let size = 0;
+    for (const { name, run } of group.lines) for (const v of run.series.get(name)) size = Math.max(size, Math.abs(v));
+    const steps = group.lines.find((/** @type {any} */ l) => l.run.readable[group.unit])?.run.readable[group.unit];
+    const [, unit, scale] = (size && steps?.find((/** @type {any[]} */ [least]) => size >= least)) || [0, group.unit, 1];
+    Object.assign(group, { unit, scale });
+  }
   return [...groups.values()];
 }
 
 /** The columns of a chart; runs with other times are joined. @param {any} group */
 function data(group) {
-  const { lines } = group, times = lines[0].run.time;
+  const { lines, scale } = group, times = lines[0].run.time;
+  const values = (/** @type {any} */ l) => { const found = l.run.series.get(l.name); return scale === 1 ? found : found.map((/** @type {number} */ v) => v / scale); };
   const same = lines.every((/** @type {any} */ l) => l.run.time === times || (l.run.time.length === times.length && l.run.time.at(-1) === times.at(-1)));
-  if (same) return [times, ...lines.map((/** @type {any} */ l) => l.run.series.get(l.name))];
-  return uPlot.join(lines.map((/** @type {any} */ l) => [l.run.time, l.run.series.get(l.name)]));
+  if (same) return [times, ...lines.map(values)];
+  return uPlot.join(lines.map((/** @type {any} */ l) => [l.run.time, values(l)]));
 }

@@ -1,7 +1,7 @@
 // Records dropped on the page or chosen from the disk: stored in the folder, their columns proposed, an experiment made of them.
 
 import { sketch } from "./charts.js";
-import { byId, el, number } from "./dom.js";
+import { busy, byId, el, number } from "./dom.js";
 import { problemList } from "./results.js";
 
 const ROLES = [["", "not used"], ["time", "time"], ["input", "input"], ["output", "output"]];
@@ -87,9 +87,9 @@ export class RecordFiles {
     const wrong = el("div", { role: "alert", id: "record-wrong" });
     const name = el("input", { id: "experiment-name", value: `${stem(model)}_${stem(files[0])}`.slice(0, 60), spellcheck: "false", autocomplete: "off" });
     const frees = this.frees();
-    const form = el("form", { method: "dialog", onsubmit: async (/** @type {Event} */ event) => {
+    const form = el("form", { method: "dialog", onsubmit: (/** @type {Event} */ event) => {
       event.preventDefault();
-      try {
+      void busy(form, async () => { try {
         const made = await studio.link.ask("experiment", { model, name: /** @type {any} */ (name).value.trim(), title: `${stem(model)}, ${files.map(stem).join(", ")}`,
           files: Object.fromEntries(uses.map((u) => [u.file, u.use])), columns: rows.map((/** @type {any} */ r) => r.chosen()).filter((/** @type {any} */ c) => c.role), free: frees.chosen() });
         dialog.close();
@@ -98,7 +98,7 @@ export class RecordFiles {
       } catch (error) {
         wrong.replaceChildren(...problemList(/** @type {any} */ (error).problems ?? [{ message: /** @type {any} */ (error).message, notes: [] }]));
         wrong.scrollIntoView({ block: "nearest" });
-      }
+      } });
     } },
     el("h2", {}, `Records of ${stem(model)}`), el("p", { class: "said" }, "What the columns are was proposed from their names and units. Correct what is wrong: a record drives the inputs, and the model is compared with the outputs."),
     ...told.remarks.map((/** @type {string} */ r) => el("p", { class: "verdict" }, r)),

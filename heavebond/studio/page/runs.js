@@ -110,7 +110,7 @@ export class Runs {
   made(told, values) {
     const [time, ...columns] = told.series;
     return { id: "live", live: true, label: this.kept.length ? "now" : "", dash: 0, visible: true, time, told, values, text: this.studio.editor.text,
-      units: { ...told.units }, series: new Map(told.signals.map((/** @type {string} */ n, /** @type {number} */ k) => [n, columns[k]])) };
+      units: { ...told.units }, readable: { ...told.readable }, series: new Map(told.signals.map((/** @type {string} */ n, /** @type {number} */ k) => [n, columns[k]])) };
   }
 
   /** Runs with several values of a parameter, kept and laid over each other; Stop ends them. @param {string} path @param {string[]} values */
@@ -188,6 +188,7 @@ export class Runs {
         }
         const [, ...columns] = told.series ?? [];
         told.signals.forEach((/** @type {string} */ n, /** @type {number} */ k) => { run.series.set(n, columns[k]); run.units[n] = told.units[n]; });
+        Object.assign(run.readable, told.readable);
       } catch {
         // a run of a text that had the signal's part not yet goes without it
       }
@@ -232,16 +233,21 @@ export class Runs {
     this.studio.animation?.follow();
     if (!runs.length) return;
     if (!this.plotted.length) { this.plots.empty("No signal is chosen. Tick signals in the panel on the right."); return; }
-    this.plots.show(runs, this.plotted, this.below());
+    this.plots.show(runs, this.plotted, this.above(), this.below());
   }
 
-  /** The verdict and the figures of the newest run, as `heavebond run` prints them. */
+  /** What is wrong with the newest run, above its charts, so that nobody takes them for granted. */
+  above() {
+    const told = this.live?.told;
+    return told ? [...(told.verdict.status === "clean" ? [] : [told.verdict.text]), ...(told.notes ?? [])].map((/** @type {string} */ words) => el("p", { class: "verdict" }, words)) : [];
+  }
+
+  /** The figures of the newest run, as `heavebond run` prints them. */
   below() {
     const told = this.live?.told;
     if (!told?.outputs) return [];
     const figure = (/** @type {number|null} */ v) => v === null ? "—" : String(Number(Math.abs(v) < 1e-12 ? 0 : v.toPrecision(5)));
     const rows = Object.entries(told.outputs).map(([name, f]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", { class: "words" }, unitLabel(f.unit)), ...["min", "max", "rms", "final"].map((k) => el("td", {}, figure(f[k])))));
-    return [...(told.verdict.status === "clean" ? [] : [el("p", { class: "verdict" }, told.verdict.text)]), ...told.notes.map((/** @type {string} */ n) => el("p", { class: "verdict" }, n)),
-      el("table", { class: "figures" }, el("thead", {}, el("tr", {}, ...["output", "unit", "min", "max", "rms", "final"].map((h, k) => el("th", { scope: "col", class: k < 2 ? "words" : null }, h)))), el("tbody", {}, ...rows))];
+    return [el("table", { class: "figures" }, el("thead", {}, el("tr", {}, ...["output", "unit", "min", "max", "rms", "final"].map((h, k) => el("th", { scope: "col", class: k < 2 ? "words" : null }, h)))), el("tbody", {}, ...rows))];
   }
 }

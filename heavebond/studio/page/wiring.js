@@ -3,7 +3,7 @@
 const SVG = "http://www.w3.org/2000/svg";
 const NEAR = 16; // px around a port that count as on it
 /** @type {Record<string, [number, number, string]>} */
-const BESIDE = { left: [-9, -5, "end"], right: [9, -5, "start"], top: [8, -6, "start"], bottom: [8, 14, "start"] }; // where the name of a port stands
+const BESIDE = { left: [-9, -5, "end"], right: [9, -5, "start"], top: [8, -6, "start"], bottom: [9, 7, "start"] }; // where the name of a port stands
 
 /** Whether two ports may be joined, as far as the page can tell. @param {any} one @param {any} two */
 export function fits(one, two) {
@@ -55,11 +55,12 @@ export class Wiring {
     return circle;
   }
 
-  /** The names of the ports of the parts that are selected. @param {string[]} parts */
+  /** The names of the ports of the parts that are selected, but for those that the symbol shows itself. @param {string[]} parts */
   names(parts) {
     for (const found of this.layer?.querySelectorAll(".port-name") ?? []) found.remove();
+    const printed = new Set(parts.flatMap((part) => [...this.studio.diagram.group(part)?.querySelectorAll("text") ?? []].map((/** @type {any} */ text) => `${part}.${text.textContent}`)));
     for (const port of parts.length ? this.ports.values() : []) {
-      if (!port.value && parts.includes(port.path.split(".")[0])) this.layer?.append(this.label(port.name, port.at[0]));
+      if (!port.value && !printed.has(port.path) && parts.includes(port.path.split(".")[0])) this.layer?.append(this.label(port.name, port.at[0]));
     }
   }
 
