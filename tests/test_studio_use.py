@@ -60,9 +60,98 @@ def test_a_warning_of_a_run_stands_above_its_charts_and_pressures_are_in_bar(tab
     tab.key("Enter", ctrl=True, code=13)
     _true(tab, "studio.runs.live && !studio.runs.busy && document.querySelector('#plots .verdict')", 60)
     assert "below vacuum" in tab.run("document.querySelector('#plots .verdict').innerText")
-    warned, chart = (tab.run(f"document.querySelector('#plots {s}').getBoundingClientRect().y") for s in (".verdict", ".chart"))
+    warned, chart = (tab.run(f"document.querySelector('#plots .{what}').getBoundingClientRect().y")
+                     for what in ("verdict", "chart"))
     assert warned < chart
     assert tab.run("studio.runs.plots.charts.map(c => c.axes[1].label)") == ["bar"]
     lowest = tab.run("Math.min(...studio.runs.live.series.get('suction.p'))")
     assert abs(tab.run("Math.min(...studio.runs.plots.charts[0].data[1])") - lowest / 1e5) < 1e-9 * abs(lowest)
+    assert tab.complaints == []
+
+
+def _unnamed(tab: browser.Tab) -> list[str]:
+    """What the keyboard reaches and a screen reader has no name for, by tag and attributes."""
+    found = []
+    for node in tab.call("Accessibility.getFullAXTree")["nodes"]:
+        focusable = any(p["name"] == "focusable" and p["value"].get("value") for p in node.get("properties", ()))
+        if focusable and not node.get("ignored") and not node.get("name", {}).get("value") and "backendDOMNodeId" in node:
+            element = tab.call("DOM.describeNode", backendNodeId=node["backendDOMNodeId"])["node"]
+            given = element.get("attributes", [])
+            attributes = dict(zip(given[::2], given[1::2], strict=True))
+            if attributes.get("tabindex") != "-1" and element["nodeName"] != "#document":
+                found.append(f"{element['localName']} {attributes}")
+    return found
+
+
+def _walked(tab: browser.Tab, steps: int = 90) -> list[str]:
+    """The stops of Tab until it comes round again; each is in view as it is reached."""
+    found: list[str] = []
+    for _ in range(steps):
+        tab.key("Tab", code=9)
+        stop, seen = tab.run("""(() => { const a = document.activeElement, box = a.getBoundingClientRect();
+            const inside = box.bottom > 0 && box.right > 0 && box.top < innerHeight && box.left < innerWidth;
+            return [a.id || a.getAttribute("aria-label") || a.textContent.trim() || a.tagName,
+                a === document.body || a.matches(".cm-content") || (inside && a.checkVisibility())]; })()""")
+        assert seen, stop
+        if stop in found[:1]:
+            return found
+        found.append(stop)
+    raise AssertionError(f"Tab is kept: {found}")
+
+
+def _to(tab: browser.Tab, stop: str) -> None:
+    """Go on by Tab to an element."""
+    for _ in range(120):
+        if tab.run("document.activeElement.id") == stop:
+            return
+        tab.key("Tab", code=9)
+    raise AssertionError(f"Tab does not reach {stop}")
+
+
+def test_everything_is_reached_and_named_by_the_keyboard(tab: browser.Tab, server: Server) -> None:
+    """Home, a dialog, a diagram with its library and a run, tuning, the form of a record: all without the mouse."""
+    tab.call("Accessibility.enable")
+    tab.go("about:blank")
+    tab.go(server.address)
+    _true(tab, "document.querySelector('[data-open]')")
+    assert {"new", "new-empty", "filter"} <= set(_walked(tab)) and _unnamed(tab) == []
+    _to(tab, "new")
+    tab.key("Enter", code=13, text="\r")
+    _true(tab, "document.querySelector('#ask').open && document.activeElement.id === 'ask-name'")
+    assert _unnamed(tab) == []
+    tab.key("Escape", code=27)
+    tab.wait("!document.querySelector('#ask').open && document.activeElement.id === 'new'")
+    _open(tab, server)
+    tab.key("Enter", ctrl=True, code=13)
+    _true(tab, "studio.runs.live && !studio.runs.busy", 60)
+    tab.key("l", alt=True)
+    _true(tab, "document.activeElement.id === 'palette-search' && studio.palette.components", 60)
+    assert _unnamed(tab) == []
+    tab.key("Escape", code=27)
+    _true(tab, "document.activeElement.id === 'sheet'")
+    stops = _walked(tab)
+    assert {"go-home", "run", "sheet", "keep", "png", "csv", "play", "instant", "shown", "split-drawing", "damper, Damper",
+            "node road", "p-height", "s-height", "run-until", "to-problems"} <= set(stops)
+    assert _unnamed(tab) == []
+    _to(tab, "show-keys")
+    tab.key("Enter", code=13, text="\r")
+    _true(tab, "document.querySelector('#keys').open")
+    tab.key("Escape", code=27)
+    tab.wait("!document.querySelector('#keys').open && document.activeElement.id === 'show-keys'")
+    _to(tab, "tune")
+    tab.key("Enter", code=13, text="\r")
+    _true(tab, "document.activeElement.id === 'tab-tune' && document.querySelector('#begin-tune')")
+    assert {"tab-tune", "close-tuning", "free-damper.d", "tune-cost", "begin-tune"} <= set(_walked(tab))
+    assert _unnamed(tab) == []
+    _to(tab, "close-tuning")
+    tab.key("Enter", code=13, text="\r")
+    _true(tab, "document.activeElement.id === 'tune'")
+    tab.run("document.getElementById('records').focus()")
+    rows = "\n".join(f"{k / 100},{k / 1000}" for k in range(100))
+    tab.drop("#sheet", {"keys.csv": f"time [s],wheel.x [m]\n{rows}\n"})
+    _true(tab, "document.querySelector('#record-form').open && document.activeElement.id === 'use-0'", 60)
+    assert _unnamed(tab) == []
+    _to(tab, "make-experiment")
+    tab.key("Escape", code=27)
+    tab.wait("!document.querySelector('#record-form').open && document.activeElement.id === 'records'")
     assert tab.complaints == []

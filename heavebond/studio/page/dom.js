@@ -66,6 +66,7 @@ export function askName(title, words, first, act, button = "Make") {
       }
     });
   };
+  dialog.setAttribute("aria-label", title);
   dialog.showModal();
   /** @type {HTMLInputElement} */ (input).select();
 }
