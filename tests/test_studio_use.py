@@ -69,6 +69,19 @@ def test_a_warning_of_a_run_stands_above_its_charts_and_pressures_are_in_bar(tab
     assert tab.complaints == []
 
 
+def test_a_connection_that_was_lost_changes_nothing(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server)
+    tab.run("studio.editor.replace(studio.editor.text.replace('1.5 kN*s/m', '1.6 kN*s/m'))")
+    tab.run("studio.link.socket.close()")
+    assert "ended" in tab.wait("!document.querySelector('#banner').hidden && document.querySelector('#banner').innerText")
+    tab.wait("document.querySelector('#banner').hidden")
+    assert tab.run("studio.unsaved && studio.editor.text") == CAR.replace("1.5 kN*s/m", "1.6 kN*s/m")
+    tab.key("s", ctrl=True)
+    tab.wait("!studio.unsaved")
+    assert "1.6 kN*s/m" in (server.folder / "car.yaml").read_text(encoding="utf-8")
+    assert tab.complaints == []
+
+
 def _unnamed(tab: browser.Tab) -> list[str]:
     """What the keyboard reaches and a screen reader has no name for, by tag and attributes."""
     found = []

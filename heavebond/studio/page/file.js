@@ -118,9 +118,10 @@ export class DiagramFile {
   linked(open) {
     if (open && this.studio.document) void this.studio.link.ask("open", { name: this.studio.document.name }).then((/** @type {any} */ told) => {
       this.studio.banner([]);
-      this.pushed({ push: "disk", ...told });
+      if (this.offered) this.offerDraft(); // asked once more, as its banner has gone
+      if (told.version !== this.studio.document?.version) this.pushed({ push: "disk", ...told });
       void this.studio.check(false);
-    });
+    }, (/** @type {Error} */ error) => this.studio.banner([error.message]));
     if (!open) this.studio.banner(worded("The studio's server has ended. Start `heavebond studio` again: unsaved text is kept in this browser and offered on its new page."));
   }
 }
