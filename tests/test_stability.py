@@ -7,7 +7,7 @@ import pytest
 from test_linearisation import FREE, OSCILLATOR
 
 import heavebond as hb
-from heavebond.linear.linearisation import Linearisation
+from heavebond.linear.linearisation import Linear, Linearisation
 from heavebond.linear.operating_point import OperatingPoints
 from heavebond.linear.stability import Stability, eigenvalues, stability
 from heavebond.numerics.dae import Array
@@ -101,3 +101,25 @@ def test_what_is_too_slow_for_the_machine_is_told_with_a_share() -> None:
     found = _plain(np.diag([-1e6, -0.5, 0.0]))
     assert [e.value.real for e in found.beyond(1e-6)] == [-0.5]
     assert found.beyond(1e-7) == ()
+
+
+@pytest.mark.parametrize("multiplicity", [2, 3, 4])
+def test_a_multiple_real_eigenvalue_is_no_pair(multiplicity: int) -> None:
+    """A Jordan block of -2 in other coordinates: rounding makes pairs of it."""
+    block, pairs = -2 * np.eye(multiplicity) + np.diag(np.ones(multiplicity - 1), 1), 0
+    for seed in range(20):
+        turned, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(multiplicity, multiplicity)))
+        matrix = turned @ block @ turned.T
+        pairs += bool(np.linalg.eigvals(matrix).imag.any())
+        found = eigenvalues(matrix)
+        assert not found.imag.any()
+        assert found.real == pytest.approx(-2, abs=1e-3)
+    assert pairs
+    modes = Linear(tuple("abcd")[:multiplicity], (), (), matrix, np.zeros((multiplicity, 0)), np.zeros((0, multiplicity)),
+                   np.zeros((0, 0)), np.ones(multiplicity)).modes()
+    assert [mode.swings for mode in modes] == [False] * multiplicity
+
+
+def test_a_pair_with_strong_damping_stays_a_pair() -> None:
+    found = eigenvalues(np.array([[-1.0, 0.005], [-0.005, -1.0]]))
+    assert sorted(found.imag) == pytest.approx([-0.005, 0.005])

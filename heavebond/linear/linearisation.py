@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from heavebond.core.errors import Problem, UsageError
 from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
-from heavebond.linear.stability import Stability, stability, with_zeros
+from heavebond.linear.stability import Stability, real_within_rounding, stability, with_zeros
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start, start, tangent
 from heavebond.numerics.inputs import pieced
@@ -98,7 +98,7 @@ class Linear:
             left = np.linalg.inv(right).conj().T
         except np.linalg.LinAlgError:  # a multiple eigenvalue without as many vectors
             left = np.linalg.pinv(right).conj().T
-        values = with_zeros(values, scaled)
+        values = with_zeros(real_within_rounding(values, right, left, scaled), scaled)
         found = [Mode(complex(values[k]), right[:, k], left[:, k], self.states)
                  for k in range(len(values)) if values[k].imag >= 0]
         return sorted(found, key=lambda mode: (abs(mode.value), mode.value.real))

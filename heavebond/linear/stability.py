@@ -36,12 +36,15 @@ class StabilityConstants:
         roundings of 2e-16. Doubled: nothing.
     rounding: share of the largest singular value of the whole matrix to which those of a block are known. Origin:
         double precision. Doubled: nothing.
+    multiple: imaginary part over the real one up to which a pair may be a multiple real eigenvalue. Origin: five in a row
+        are split by 1e-15**(1/5) = 1e-3; a pair at it decays by exp(-600) within a period. Doubled: nothing.
     min_participation: participation below which a state is not named. Origin: readability. Doubled: fewer names.
     max_named: states that are named. Origin: readability. Doubled: longer lines.
     """
 
     coupled: float = 1e-12
     rounding: float = 1e-15
+    multiple: float = 1e-2
     min_participation: float = 0.05
     max_named: int = 4
 
@@ -182,8 +185,25 @@ def eigenvalues(a: Array) -> Complex:
     found = []
     for block in strong_blocks(a):
         rest, _, zeros = _without_zeros(_balanced(a[np.ix_(block, block)])[0], STABILITY.rounding * len(a) * whole)
-        found += [np.zeros(zeros, complex), np.linalg.eigvals(rest).astype(complex)]
+        values, right = np.linalg.eig(rest)
+        found += [np.zeros(zeros, complex), real_within_rounding(values, right, np.linalg.pinv(right).conj().T, rest)]
     return np.concatenate(found) if found else np.zeros(0, complex)
+
+
+def real_within_rounding(values: Complex | Array, right: Array | Complex, left: Array | Complex, a: Array) -> Complex:
+    """Eigenvalues (n,) of a matrix (n, n) with right and left vectors in columns (n, n), where a pair that rounding does not
+    tell from a multiple real eigenvalue is real. Rounding splits a real one of multiplicity m without as many vectors into m
+    numbers on a circle, of a radius that grows as the m-th root of the rounding."""
+    found = values.astype(complex)
+    near = np.abs(found.imag) <= np.minimum(_accuracy(right, left, a), STABILITY.multiple * np.abs(found.real))
+    return np.where(near, found.real, found)
+
+
+def _accuracy(right: Array | Complex, left: Array | Complex, a: Array) -> Array:
+    """The bounds (n,) of the rounding of the eigenvalues of a matrix with these vectors."""
+    noise = STABILITY.coupled * np.abs(a) + np.finfo(float).eps * len(a) * np.linalg.norm(a, 2)
+    products = np.maximum(np.abs((left.conj() * right).sum(axis=0)), 1e-300)
+    return np.asarray((np.abs(left) * (noise @ np.abs(right))).sum(axis=0) / products, float)
 
 
 def with_zeros(values: Complex, a: Array) -> Complex:
@@ -229,15 +249,13 @@ def _regular(rest: Array, whole: Array, names: Sequence[str], zeros: int) -> lis
     left = np.linalg.pinv(right).conj().T
     exact = np.linalg.eigvals(rest).astype(complex) if zeros else values.astype(complex)
     columns = _matched(exact, values.astype(complex)) if zeros else np.arange(len(values))
-    noise = STABILITY.coupled * np.abs(whole) + np.finfo(float).eps * len(whole) * np.linalg.norm(whole, 2)
+    accuracy = _accuracy(right, left, whole)
     found = []
     for value, k in zip(exact.tolist(), columns.tolist(), strict=True):
         if value.imag < 0:
             continue
-        product = max(abs(np.vdot(left[:, k], right[:, k])), 1e-300)
-        accuracy = float(np.abs(left[:, k]) @ noise @ np.abs(right[:, k])) / product
         shares = np.abs(left[:, k] * right[:, k])
-        found.append(Eigenvalue(complex(value), accuracy, _largest(shares[:, None], names)))
+        found.append(Eigenvalue(complex(value), float(accuracy[k]), _largest(shares[:, None], names)))
     return found
 
 
