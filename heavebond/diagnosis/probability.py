@@ -32,7 +32,6 @@ from heavebond.diagnosis.confidence_set import block_length, resampled
 from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.fixed_values import VALUE
 from heavebond.diagnosis.identity import HOPELESS, loss
-from heavebond.diagnosis.places import Places
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.residual_tests import LEVELS, ResidualTests
 from heavebond.diagnosis.stage import Stage
@@ -145,7 +144,7 @@ def _weighted(families: Sequence[Sequence[Refit]], weights: Mapping[float, Array
     if not families:
         return (), {}
     by_label = {s.candidate.label: s.candidate for s in made.scores}
-    places = Places.of(made.experiment, made.as_one)
+    places = made.places
     found: dict[object, Event] = {}
     shares: dict[object, dict[int, float]] = {}
     order = sorted(range(len(families)), key=lambda k: -weights[1.0][k])  # an event is called what its best law is called

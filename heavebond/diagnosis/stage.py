@@ -9,6 +9,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -85,6 +86,11 @@ class Stage:
         """The information criterion of the model without any of the candidates."""
         return bic(self.cost, self.samples, len(self.values))
 
+    @cached_property
+    def places(self) -> Places:
+        """The places of its diagram."""
+        return Places.of(self.experiment, self.as_one)
+
     @property
     def merit(self) -> float:
         """That of the model without any of the candidates; see `merit`."""
@@ -110,7 +116,8 @@ def make_curve_stage(experiment: Experiment, *, beside: Candidate | None = None,
 
 def make_calibration_stage(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS,
                            classes: Sequence[str] = (), progress: Progress | None = None) -> Stage:
-    """A rung with calibration errors only: offsets and gains of inputs and channels."""
+    """A rung with calibration errors only: offsets and gains of inputs and channels. Only what the best of them leaves is
+    wanted, so that it alone is followed to the end of its valley."""
     found = [c for c in single_candidates(experiment) if is_calibration_error(c, experiment)
              and (not classes or c.kind in classes)]
     return _step(experiment, found, number, seconds, progress or (lambda text: None), most=CALIBRATED)
@@ -158,7 +165,8 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
                 leading = leading[:most]
                 partial = not refits.make(leading, rest if thorough else [], clock.perf_counter() + seconds)
                 say("comparing the best closely")
-                refits.trials |= _polished(workers, list(refits.trials.values()), {c.label: g for c, g in (*leading, *rest)})
+                refits.trials |= _polished(workers, list(refits.trials.values()), {c.label: g for c, g in (*leading, *rest)},
+                                           CLOSELY if most is None else 1)
         except KeyboardInterrupt:
             clear_signal()
             partial, left, twins = True, leftover(base, scores), {}
@@ -167,16 +175,17 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     return replace(made, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as, planned=len(found))
 
 
-def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]]) -> dict[str, Refit]:
-    """The trials of candidates that were scored here and are near the best, followed to the end of their valleys: near on
-    all samples or on those that were fitted, as one that has not arrived may miss the others by much."""
+def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]], most: int
+              ) -> dict[str, Refit]:
+    """The trials of candidates that were scored here and are near the best, at most so many, followed to the end of their
+    valleys: near on all samples or on those that were fitted, as one that has not arrived may miss the others by much."""
     order = sorted(trials, key=merit)
     if not order:
         return {}
     margin = STRONG + CLOSE * (order[0].samples + order[0].samples_held_out)
     lowest = min(t.bic for t in order)
     near = [t for t in order if t.candidate.label in guesses
-            and (merit(t) - merit(order[0]) < margin or t.bic - lowest < margin)][:CLOSELY]
+            and (merit(t) - merit(order[0]) < margin or t.bic - lowest < margin)][:most]
     better = {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label], None) for t in near])}
     lent = [(t, guesses[t.candidate.label], lender) for t in better.values() if (lender := _lender(t, better.values()))]
     return better | {c.label: t for c, t in workers.polish(lent)}
@@ -345,9 +354,8 @@ def _twins_of(close: Sequence[Refit], made: Stage) -> list[Refit]:
     between the chambers is `internal leakage` of the piston; a delay of an input and of the only channel may act alike.)"""
     by_label = {s.candidate.label: s.candidate for s in made.scores}
     pairs = [(trial, by_label[label]) for trial in close for label in made.twins.get(trial.candidate.label, ())]
-    places = Places.of(made.experiment, made.as_one) if pairs else None
-    return [replace(trial, candidate=twin) for trial, twin in pairs if places is not None and (
-        not same_class(trial.candidate.kind, twin.kind) or places.place(trial.candidate) != places.place(twin))]
+    return [replace(trial, candidate=twin) for trial, twin in pairs if not same_class(trial.candidate.kind, twin.kind)
+            or made.places.place(trial.candidate) != made.places.place(twin)]
 
 
 def _best_of_each(scores: Sequence[Score]) -> list[Score]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 from heavebond.core.errors import Place
 from heavebond.core.units import Range, Unit
-from heavebond.text.expression import Compare, Equation, Expr, Name
+from heavebond.text.expression import Call, Compare, Equation, Expr, FunctionCall, Name, children, inside
+
+REGULARISED = ("smooth_sign", "signed_sqrt")  # functions whose second argument is the width over which they turn
 
 
 @dataclass(frozen=True)
@@ -420,7 +424,21 @@ class Component:
                 found.append(ends if tree.op in (">", ">=") else ends[::-1])
         return tuple(found)
 
+    @cached_property
+    def widths(self) -> frozenset[str]:
+        """The parameters that are widths of regularised laws: that over which `smooth_sign` and `signed_sqrt` turn."""
+        return frozenset(width for line in self.equations for side in (line.tree.left, line.tree.right)
+                         for width in _widths(side))
+
     @property
     def composite(self) -> bool:
         """Whether it is made of other components."""
         return bool(self.body.instances)
+
+
+def _widths(expr: Expr) -> Iterator[str]:
+    """The names of second arguments of regularised laws."""
+    if isinstance(expr, Call) and expr.function in REGULARISED and isinstance(expr.args[1], Name):
+        yield expr.args[1].text
+    for child in (*children(expr), *(inside(expr) if isinstance(expr, FunctionCall) else ())):
+        yield from _widths(child)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,10 +20,6 @@ from heavebond.language.symbols import CORNERS, split, stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.matrices import MATRICES, Matrix
 from heavebond.numerics.sparse_jacobian import jacobian
-from heavebond.text.expression import Call, Expr, FunctionCall, Name, children, inside
-
-# functions whose second argument is the width over which they turn
-REGULARISED = ("smooth_sign", "signed_sqrt")
 
 
 @dataclass(frozen=True)
@@ -263,10 +258,7 @@ class StartEquations:
         """The parameters that are widths of regularised laws: that over which `smooth_sign` and `signed_sqrt` turn."""
         names = {name: k for k, name in enumerate(self.assembly.parameter_names)}
         leaves = self.assembly.flat.expanded.leaves
-        components = {id(leaf.component): leaf.component for leaf in leaves.values()}  # many parts are of one kind
-        widths = {key: {width for line in component.equations for side in (line.tree.left, line.tree.right)
-                        for width in _widths(side)} for key, component in components.items()}
-        found = (names.get(f"{path}.{width}") for path, leaf in leaves.items() for width in widths[id(leaf.component)])
+        found = (names.get(f"{path}.{width}") for path, leaf in leaves.items() for width in leaf.component.widths)
         return sorted({k for k in found if k is not None})
 
     @cached_property
@@ -302,11 +294,3 @@ class StartEquations:
         assembly = self.assembly
         own = [max(abs(p[k]), usual) for k, usual in zip(self.solved_for, self._usual, strict=True)]
         return np.concatenate([assembly.x_nominal, assembly.z_nominal, np.array(own)])
-
-
-def _widths(expr: Expr) -> Iterator[str]:
-    """The names of second arguments of `smooth_sign` and `signed_sqrt`."""
-    if isinstance(expr, Call) and expr.function in REGULARISED and isinstance(expr.args[1], Name):
-        yield expr.args[1].text
-    for child in (*children(expr), *(inside(expr) if isinstance(expr, FunctionCall) else ())):
-        yield from _widths(child)

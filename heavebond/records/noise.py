@@ -23,6 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -147,6 +148,7 @@ def _bands(records: Sequence[tuple[Array, Array]]) -> Iterator[_Level]:
         yield _level(np.concatenate([y.by(h)[inside] for y, inside in even]), h)
 
 
+@lru_cache(maxsize=len(BANDS))
 def _prolate(length: int) -> Array:
     """The discrete prolate spheroidal sequence of order 0 with the time-bandwidth product: the eigenvector to the largest
     eigenvalue of a tridiagonal matrix (D. Slepian, 1978, doi:10.1002/j.1538-7305.1978.tb02104.x)."""
