@@ -44,7 +44,7 @@ from heavebond.diagnosis.stage import (
     make_value_stage,
     merit,
 )
-from heavebond.diagnosis.stepwise_selection import DECISIVE, MOST, SelectedEffect, Selection, select_stepwise
+from heavebond.diagnosis.stepwise_selection import DECISIVE, MOST, SelectedEffect, Selection, looked_back, select_stepwise
 from heavebond.diagnosis.verdict import (
     acting_as_values,
     equivalent_value_words,
@@ -214,7 +214,7 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
     if climbed is None:
         return _without_search(experiment, ladder, base, budget)
     part, way, last = climbed
-    way, unsupported = supported(way, say)
+    way, unsupported = supported(way, say, lambda way: looked_back(way, stepping, say)[0] if left() > 0 else way)
     if unsupported:
         last = replace(unsupported[-1].added.step, partial=last.partial)
     # the last step made may be that of the last effect itself

@@ -12,6 +12,7 @@ the noise that is given, or where it
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from heavebond.core.errors import HeavebondError
@@ -51,8 +52,10 @@ class Unsupported:
                       f"({number(low, 2)} to {number(high, 2)} times the fitted one where it may vary)."
 
 
-def supported(way: Selection, say: Progress) -> tuple[Selection, list[Unsupported]]:
-    """The effects of a ladder that are named, and those at its end that are not, the last one first."""
+def supported(way: Selection, say: Progress, looked_back: Callable[[Selection], Selection] = lambda way: way
+              ) -> tuple[Selection, list[Unsupported]]:
+    """The effects of a ladder that are named, and those at its end that are not, the last one first. What remains without
+    one is `looked_back` on: what it may be was judged beside what is not named."""
     dropped: list[Unsupported] = []
     while len(way) > 1 and not (way[-1].chosen.experiment.noise_given and leaves_noise(way[-1].chosen)):
         share, found = material_share(way), None
@@ -62,7 +65,7 @@ def supported(way: Selection, say: Progress) -> tuple[Selection, list[Unsupporte
             if found is None or not found.differs:
                 break
         dropped.append(Unsupported(way[-1], share, found))
-        way = way[:-1]
+        way = looked_back(way[:-1])
     return way, dropped
 
 
