@@ -96,3 +96,48 @@ def test_the_counterbalance_valve_holds_and_meters() -> None:
 def test_the_machines_lose_no_energy_unaccounted(name: str) -> None:
     found = audit(hb.load(name), "4 s")
     assert found.closes(), f"{found.imbalance:.3g}"
+
+
+PRESS = """
+model: press
+components:
+  oil:    {is: Fluid}
+  tank:   {is: Tank}
+  pump:   {is: FlowSource, u: 40 L/min}
+  relief: {is: RatedReliefValve, p_0: 200 bar, q_r: 60 L/min, p_r: 220 bar}
+  line:   {is: Volume, V: 1 L}
+  valve:  {is: ProportionalValve43, q_r: 60 L/min, dp_r: 35 bar, f_n: 30 Hz, zeta: 0.8, u: U, leakage: 1e-13 m**3/(s*Pa)}
+  cyl:    {is: Cylinder, A_A: 100 cm**2, A_B: 60 cm**2, V_A0: 1 L, V_B0: 3 L}
+  frame:  {is: Fixed}
+  ram:    {is: Mass, m: 800 kg}
+  weight: {is: Weight, m: 800 kg}
+  work:   {is: EndStop, x_min: -0.05 m, x_max: 0.3 m, c: 100 MN/m, d: 100 kN*s/m}
+nodes:
+  supply: [pump.a, relief.a, line.a, valve.P, oil.a]
+  return: [tank.a, relief.b, valve.T]
+  A: [valve.A, cyl.A]
+  B: [valve.B, cyl.B]
+  frame: [frame.a, cyl.a, work.a]
+  ram: [ram.a, weight.a, cyl.b, work.b]
+initial: {start: steady, GUESS}
+simulate: {until: 1 ms}
+"""
+
+
+@pytest.mark.parametrize("u", [-1, -0.05, 0, 0.3, 1])
+def test_a_press_starts_steadily_from_any_guess(u: float) -> None:
+    """At its lower stop, or on the workpiece: the relief valve takes the pump's flow less what leaks through the valve."""
+    random = np.random.default_rng(5)
+    for _ in range(6):
+        x, p, p_A, p_B = random.uniform([-0.3, -1, -1, -1], [0.6, 400, 600, 600])
+        guess = f"ram.x: ~ {x:.3g} m, supply.p: ~ {p:.3g} bar, A.p: ~ {p_A:.3g} bar, B.p: ~ {p_B:.3g} bar"
+        found = hb.simulate(hb.loads(PRESS.replace("u: U", f"u: {u}").replace("GUESS", guess)))
+        force = 100e-4*found["A.p"][0] - 60e-4*found["B.p"][0] - 800*9.81
+        end = 0.3 + force/100e6 if u >= 0 else -0.05 + force/100e6
+        assert (force > 0) == (u >= 0)
+        assert found["ram.x"][0] == pytest.approx(end, abs=1e-9)
+        through = 1e-3/60*60*np.sqrt(found["supply.p"][0]/220e5)*np.clip((found["supply.p"][0] - 200e5)/20e5, 0, 1)
+        flows = found["valve.q_PA"][0] + found["valve.q_PB"][0]
+        assert through + flows == pytest.approx(40e-3/60, rel=1e-4)   # of the transition of the relief valve
+        if u == 0:
+            assert flows == pytest.approx(1e-13*(2*found["supply.p"][0] - found["A.p"][0] - found["B.p"][0]), rel=1e-6)
