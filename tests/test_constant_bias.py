@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -11,6 +13,10 @@ from click.testing import CliRunner
 
 import heavebond as hb
 from heavebond.cli import main
+from heavebond.core.units import read_unit
+from heavebond.diagnosis.diagnosis import wrong_starts
+from heavebond.diagnosis.refit import Refit
+from heavebond.diagnosis.verdict import _revalued
 from heavebond.estimation.constant_bias import Bias, common_bias, mean_residual
 
 MODEL = """
@@ -152,3 +158,28 @@ def test_a_wrong_load_in_a_steady_start_is_told_as_one_and_not_as_another_state(
     assert "which starts in equilibrium: if the machine was at rest then too, a value of the diagram" in words
     assert "write `initial:" not in words
     assert "2 channels are biased at once: one wrong value of the diagram" in words
+
+
+def test_a_diagnosis_without_a_name_leads_to_the_start_that_is_wrong(tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text(MODEL)
+    (tmp_path / "rig_record.yaml").write_text(EXPERIMENT)
+    random = np.random.default_rng(2)
+    for name, period in (("one", 1.9), ("two", 1.4)):
+        moving = hb.load(tmp_path / "rig.yaml").with_parameters({"foot.u": f"=30 mm*sin(2*pi*time/({period} s))"})
+        run = hb.simulate(moving, 10, every=0.02)
+        t, x = run.time[20:], 1e3 * run["load.x"][20:] + 0.5 * random.standard_normal(481)  # cut off while it moves
+        columns = np.column_stack([t, 30 * np.sin(2 * np.pi * t / period), x])
+        np.savetxt(tmp_path / f"{name}.csv", columns, delimiter=",", header="t,u,x", comments="")
+    compared = hb.compare(tmp_path / "rig_record.yaml")
+    *starts, advice = wrong_starts("undetermined", compared)
+    assert starts and all("begins at" in line for line in starts)
+    assert "set the start right, then diagnose again" in advice
+    assert wrong_starts("effect", compared) == starts
+
+
+def test_a_value_that_acts_as_another_and_was_not_fitted_is_told_without_a_number() -> None:
+    mass = SimpleNamespace(name="cabin.m", unit=read_unit("kg"), neutral=900.0)
+    fitted, alike = (cast(Refit, SimpleNamespace(candidate=SimpleNamespace(numbers=(mass,)), values=values))
+                     for values in ({"cabin.m": 1010.0}, {}))
+    assert _revalued(fitted) == "cabin.m at 1.01 t (in the diagram 900 kg)"
+    assert _revalued(alike) == "another value of cabin.m (in the diagram 900 kg)"

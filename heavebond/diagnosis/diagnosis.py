@@ -249,7 +249,7 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
             *(u.words for u in reversed(unsupported) if said not in ("effect", "one_of", "parameters")),
             *([rest.words] if rest is not None and said in ("mainly", "shape") else []),
             *_lost(come.steps), *_closed_loops(ladder[0].comparison),
-            *(f"{name}: {said}." for name, record in rungs[-1].comparison.records.items() for said in record.starts),
+            *wrong_starts(said, rungs[-1].comparison),
             *so_far(come.steps, come.untried),
             *_limits(classes, cut(part, experiment), confirming.shorter))
     return Diagnosis(experiment, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
@@ -369,6 +369,15 @@ def _lost(steps: Sequence[Stage]) -> list[str]:
     lost = list(dict.fromkeys(label for step in steps for label in step.lost))
     return [f"Not tried to the end: {listing(lost, 4)}. The processes that worked on this died, also when it was tried "
             "again alone (killed, or out of memory). Fewer `--processes`, or `--samples`, need less memory."] if lost else []
+
+
+def wrong_starts(said: str, last: Comparison) -> list[str]:
+    """Channels that begin elsewhere than the model with all effects, and what that means where no name was found."""
+    found = [f"{name}: {start}." for name, record in last.records.items() for start in record.starts]
+    if found and said == "undetermined":
+        found.append("A wrong start leaves a transient that no effect explains, and may hide the one that is missing: set "
+                     "the start right, then diagnose again.")
+    return found
 
 
 def _closed_loops(first: Comparison) -> list[str]:

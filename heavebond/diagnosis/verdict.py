@@ -310,10 +310,11 @@ def equivalent_value_words(trial: Refit) -> str:
 
 
 def _revalued(trial: Refit) -> str:
-    """`crown.m at 102 t (in the diagram 120 t)`."""
+    """`crown.m at 102 t (in the diagram 120 t)`; of one that acts the same as another and was not fitted, no value."""
     (held,) = trial.candidate.numbers
     value, before = (readable(v, held.unit.text, 4) for v in (trial.values.get(held.name, held.neutral), held.neutral))
-    return f"{held.name} at {value} (in the diagram {before})"
+    return f"{held.name} at {value} (in the diagram {before})" if held.name in trial.values and value != before else \
+        f"another value of {held.name} (in the diagram {before})"
 
 
 def _effect(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: object) -> str:
