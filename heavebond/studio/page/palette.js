@@ -70,8 +70,12 @@ export class Palette {
     const search = el("input", { id: "palette-search", type: "search", placeholder: "Search the library", "aria-label": "Search the library", value: this.wanted, autocomplete: "off", spellcheck: "false",
       oninput: (/** @type {any} */ event) => { this.wanted = event.target.value; this.list(); },
       onkeydown: (/** @type {KeyboardEvent} */ event) => {
-        if (event.key === "ArrowDown") { event.preventDefault(); this.entries()[0]?.focus(); }
-        if (event.key === "Enter" && this.entries().length) { event.preventDefault(); this.put(this.entries()[0].dataset.component ?? ""); }
+        const first = (/** @type {(entry: HTMLElement) => void} */ act) => { // as soon as the library is there
+          event.preventDefault();
+          void Promise.resolve(this.load()).then(() => { const entry = this.entries()[0]; if (entry) act(entry); });
+        };
+        if (event.key === "ArrowDown") first((entry) => entry.focus());
+        if (event.key === "Enter") first((entry) => this.put(entry.dataset.component ?? ""));
         if (event.key === "Escape") { this.toggle(false); byId("sheet").focus(); }
       } });
     this.content = el("div", { class: "list" });
