@@ -28,7 +28,7 @@ from heavebond.diagnosis.fixed_values import fixed_values
 from heavebond.diagnosis.ladder import ladder_entry as rung_of
 from heavebond.diagnosis.ranking import BY_KEY, COLUMNS, JUDGEMENTS, as_dicts, entries
 from heavebond.diagnosis.refit import Refit
-from heavebond.diagnosis.remainder import Remainder
+from heavebond.diagnosis.remainder import OTHER_CAUSES, Remainder
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fitted, fit
@@ -211,6 +211,16 @@ def test_where_the_largest_scores_mislead_everything_is_refitted(tmp_path: Path,
 def test_too_little_motion_tells_nothing(tmp_path: Path) -> None:
     said = found(tmp_path, "passive", [], ["dry friction"], scale=0.002, seconds=20)
     assert said.verdict == "undetermined"
+
+
+def test_where_nothing_is_found_the_law_that_acts_in_the_residual_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A class of the catalogue that is not what is missing, and no identified curve: the choked flow at the outlet."""
+    monkeypatch.setattr("heavebond.diagnosis.diagnosis._shape", lambda come, *others: (come, None))
+    said = diagnose("receiver_rig/choked", classes=["sensor drift"], number=1)
+    assert (said.verdict, said.findings) == ("undetermined", ())
+    assert said.words[0].endswith("reduces it noticeably on held-out data.")
+    assert said.remainder is not None and said.remainder.decided and said.remainder.words in said.words
+    assert OTHER_CAUSES not in " ".join(said.words)
 
 
 def test_a_search_that_is_ended_early_does_not_blame_the_catalogue() -> None:

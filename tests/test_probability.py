@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ import heavebond as hb
 from benchmarks.diagnosis import drawing, reliability
 from benchmarks.diagnosis.machines import MACHINES
 from benchmarks.diagnosis.verdicts import interval, outcome
+from heavebond.diagnosis import probability
 from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.fixed_values import VALUE
 from heavebond.diagnosis.places import Places
@@ -29,10 +32,12 @@ from heavebond.diagnosis.probability import (
     probabilities,
     stated,
 )
+from heavebond.diagnosis.refit import Refit
 
 FRICTION = Event("dry friction", 0.0, "between bed and slide", ("bed", "slide"), ("CoulombFriction between bed and slide",))
 DRAG = Event("quadratic damping", 0.0, "between bed and slide", ("bed", "slide"), ("Drag between bed and slide",))
 MASS = Event(VALUE, 0.0, "in slide (m)", ("slide",), ("Mass in slide (m)",))
+REFIT = Refit(*(cast(Any, None),) * 3, 100.0, 1.0, 1.0, 100, 100, 2, (), 0.0, 1)
 GIVEN = Calibration(0, 4.0, 0.25, 5.0, 0.02)
 
 
@@ -59,6 +64,24 @@ def test_probabilities_follow_from_the_weights_and_the_tests() -> None:
     assert worse[OUTSIDE] == pytest.approx(0.98 / 3)  # odds 0.25 * 2
     still = of(replace(known(missing=1.0, sheet=1.0), effects=(), weights={}, left=1.0))
     assert still[NOTHING] == pytest.approx(0.98 * (5 / 6) ** 2) and still[PARAMETERS] == pytest.approx(0.98 * 5 / 36)
+
+
+def test_a_law_that_only_refines_a_simpler_one_counts_with_it() -> None:
+    """Laws that predict alike: friction; friction with an amplitude that is not shown, there and at the other end of a rope;
+    drag whose amplitudes are shown; and friction at a place that is another one."""
+    def law(kind: str, unknowns: int, where: str, unshown: tuple[str, ...] = ()) -> Refit:
+        candidate: Any = SimpleNamespace(kind=kind, where=("bed", where), label=f"{kind} at {where}")
+        return replace(REFIT, candidate=candidate, unknowns=unknowns, unshown=unshown)
+
+    families = [[law("pressed friction", 3, "slide", ("mu",))], [law("dry friction", 2, "slide")],
+                [law("quadratic damping", 3, "slide")], [law("dry friction", 2, "floor")],
+                [law("pressed friction", 3, "rope", ("mu",))]]
+    twin: Any = SimpleNamespace(candidate=law("dry friction", 2, "rope").candidate)
+    made: Any = SimpleNamespace(scores=[twin], twins={"dry friction at slide": ("dry friction at rope",)},
+                                places=SimpleNamespace(place=lambda candidate: candidate.where))
+    weights = {1.0: np.array([0.4, 0.2, 0.2, 0.1, 0.1])}
+    found = probability._to_simpler(families, [family[0] for family in families], weights, made)
+    assert found[1.0] == pytest.approx([0.0, 0.7, 0.2, 0.1, 0.0])
 
 
 def test_the_bound_of_the_factor_falls_with_p() -> None:

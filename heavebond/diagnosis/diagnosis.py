@@ -33,7 +33,7 @@ from heavebond.diagnosis.ladder import AddedEffect, LadderEntry
 from heavebond.diagnosis.probability import Event, Evidence, evidence, probabilities, stated
 from heavebond.diagnosis.ranking import as_dicts, entries
 from heavebond.diagnosis.refit import Refit
-from heavebond.diagnosis.remainder import Remainder, remainder
+from heavebond.diagnosis.remainder import OTHER_CAUSES, Remainder, remainder
 from heavebond.diagnosis.stage import (
     SECONDS,
     Stage,
@@ -76,15 +76,15 @@ class Diagnosis:
     """The result of a diagnosis: `verdict` (see `heavebond.diagnosis.verdict`), the same in `words`, and the evidence.
 
     `ladder` begins with the diagram unchanged and the same with its free parameters fitted. `findings` and `steps`
-    correspond, but for a last step that found nothing; a fixed value that explains what no effect does is the only
-    finding, after a step of effects and one of values. `shape` is the identified curve that lowers the error most where
-    no effect can be named; `separation` the experiment that would distinguish the alternatives; `noise` the noise of
-    each channel with its unit; `adequacy` that of the first finding where more than noise is left after it, `remainder`
-    the law that explains most of what is left then; `seconds` the duration in s; `searched` is the experiment on the samples
-    that the search used; `untried` what was not tried, as the search was ended early (candidates of a step that was cut
-    short are in that step). One that was ended before its first candidate was scored has no steps, one that was ended
-    before all records were simulated no ladder. `evidence` is what the probabilities of `events` are computed from,
-    `restricted` whether only classes of effects were tried.
+    correspond, but for a last step that found nothing; a fixed value that explains what no effect does is the only finding,
+    after a step of effects and one of values. `shape` is the identified curve that lowers the error most where no effect
+    can be named; `separation` the experiment that would distinguish the alternatives; `noise` the noise of each channel
+    with its unit; `adequacy` that of the first finding where more than noise is left after it, `remainder` the law that
+    explains most of what is left then, or where nothing was found; `seconds` the duration in s; `searched` is the
+    experiment on the samples that the search used; `untried` what was not tried, as the search was ended early (candidates
+    of a step that was cut short are in that step). One that was ended before its first candidate was scored has no steps,
+    one that was ended before all records were simulated no ladder. `evidence` is what the probabilities of `events` are
+    computed from, `restricted` whether only classes of effects were tried.
     """
 
     experiment: Experiment
@@ -238,8 +238,9 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
         say("learning a curve")
         come, shape = _shape(come, as_long_as(part, now), confirming.one, number, left())
     found = [*come.findings, *([shape] if shape is not None else [])]
-    rest = Budget(left()).made(lambda: remainder(as_long_as(part, at_fit(found[-1].fit.experiment, found[-1].fit)), say)) \
-        if found and not come.steps[-1].partial and unexplained(come.ladder, come.findings, come.steps) else None
+    last_fit = at_fit(found[-1].fit.experiment, found[-1].fit) if found else at_fit(experiment, base)
+    rest = Budget(left()).made(lambda: remainder(as_long_as(part, last_fit), say)) \
+        if not come.steps[-1].partial and unexplained(come.ladder, come.findings, come.steps) else None
     rungs = (*come.ladder, *([shape.rung] if shape is not None else []))
     said = verdict(base, rungs, come.findings, come.steps, shape, adequate, not {VALUES, CURVES} & set(come.untried))
     apart = _separation(come.findings, say, left()) if said == "one_of" else None
@@ -247,7 +248,7 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
             *acting_as_values(come.findings, come.steps, [t.candidate.name for t in come.values]),
             *(apart.words if apart is not None else ()),
             *(u.words for u in reversed(unsupported) if said not in ("effect", "one_of", "parameters")),
-            *([rest.words] if rest is not None and said in ("mainly", "shape") else []),
+            *_left_over(said, rest, come.steps),
             *_lost(come.steps), *_closed_loops(ladder[0].comparison),
             *wrong_starts(said, rungs[-1].comparison),
             *so_far(come.steps, come.untried),
@@ -362,6 +363,15 @@ def _noticeable(way: Selection, last: Stage) -> tuple[Selection, Stage]:
     if len(way) != 1 or worth_it(way[0].step):
         return way, last
     return (), replace(way[0].step, chosen=None, cluster=(), partial=last.partial)
+
+
+def _left_over(said: str, rest: Remainder | None, steps: Sequence[Stage]) -> list[str]:
+    """What is left after what was found, where that is not all."""
+    if said not in ("mainly", "shape", "undetermined") or not steps[0].left.significant:
+        return []
+    if rest is not None:
+        return [rest.words]
+    return [OTHER_CAUSES] if said == "undetermined" and not steps[-1].partial else []
 
 
 def _lost(steps: Sequence[Stage]) -> list[str]:

@@ -10,12 +10,13 @@ of blocks (see `confidence_set`),
 
     w_i = E[ l_i**(-n/2T) / sum_j l_j**(-n/2T) ]
 
-over resamples; for T = 0 the share of resamples in which i predicts best. The odds of a law outside the catalogue are A e,
-with e the root mean square of what the best of these leaves, in units of the noise (at least 1). Whether there is an effect
-at all follows from the p value of the tests of the residual by the smallest Bayes factor for none, -e p ln p (T. Sellke, M.
-J. Bayarri, J. O. Berger, 2001, doi:10.1198/000313001300339950), times prior odds; whether the data sheet is right by that
-of the likelihood ratio of the fitted parameters, with the same odds. A share of everything is kept for what was not
-considered.
+over resamples; for T = 0 the share of resamples in which i predicts best. A law that only refines a simpler one at the same
+place, with an amplitude that the records do not tell from none, counts with the simpler one. The odds of a law outside the
+catalogue are A e, with e the root mean square of what the best of these leaves, in units of the noise (at least 1). Whether
+there is an effect at all follows from the p value of the tests of the residual by the smallest Bayes factor for none, -e p
+ln p (T. Sellke, M. J. Bayarri, J. O. Berger, 2001, doi:10.1198/000313001300339950), times prior odds; whether the data
+sheet is right by that of the likelihood ratio of the fitted parameters, with the same odds. A share of everything is kept
+for what was not considered.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from heavebond.diagnosis.fixed_values import VALUE
 from heavebond.diagnosis.identity import HOPELESS, loss
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.residual_tests import LEVELS, ResidualTests
-from heavebond.diagnosis.stage import Stage
+from heavebond.diagnosis.stage import Stage, refines, twins_of
 from heavebond.language.library import same_class
 from heavebond.numerics.dae import Array
 
@@ -134,8 +135,23 @@ def evidence(made: Stage, values: Stage | None = None, sheet: float = 1.0) -> Ev
                              if trial.candidate.kind != VALUE else trial.candidate.name), []).append(trial)
     best = [min(family, key=loss) for family in families.values()]
     left = max(1.0, min(map(loss, best), default=1.0))
-    return Evidence(*_weighted(list(families.values()), _weights(best), made), left,
+    alike = list(families.values())
+    return Evidence(*_weighted(alike, _to_simpler(alike, best, _weights(best), made), made), left,
                     factor_bound(_p_value(made.left)), factor_bound(sheet))
+
+
+def _to_simpler(families: Sequence[Sequence[Refit]], best: Sequence[Refit], weights: Mapping[float, Array],
+                made: Stage) -> dict[float, Array]:
+    """The weights where that of a law which only refines a simpler one at the same place, but for chance, is that of the
+    simpler one: it is the same law with an amplitude that the records do not tell from none."""
+    least = [min(t.unknowns for t in family) for family in families]
+    laws = [(*family, *twins_of(family, made)) for family in families]  # with places that are the same machine
+    to = np.arange(len(best))
+    for k in sorted(range(len(best)), key=lambda k: least[k]):
+        simpler = [j for j in range(len(best)) if least[j] < least[k] and refines(best[k], laws[j])]
+        if simpler:
+            to[k] = to[min(simpler, key=lambda j: (least[j], -weights[1.0][j]))]
+    return {t: np.asarray(np.bincount(to, weight, len(best)), float) for t, weight in weights.items()}
 
 
 def _weighted(families: Sequence[Sequence[Refit]], weights: Mapping[float, Array], made: Stage

@@ -1,4 +1,4 @@
-"""What is left after the effects that were found: the law of one or two variables that explains most of it.
+"""What is left after the effects that were found, if any: the law of one or two variables that explains most of it.
 
 The yardstick of the whole ladder, beside the identified curves of one variable that stand in place of an effect (see
 `adequacy`): the unknown input at each place of the last diagram, with everything at its fitted values, and the law that it
@@ -18,6 +18,9 @@ from heavebond.diagnosis.decision import DECISION
 from heavebond.estimation.experiment import Experiment
 from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.misfit import PlaceEstimate, localize, noun, shape_words
+
+OTHER_CAUSES = "Noise of a measured input (give its `noise:`), the dynamics of a sensor, or parameters that change with " \
+    "time or temperature leave such a residual."
 
 
 @dataclass(frozen=True)
@@ -49,8 +52,7 @@ class Remainder:
         """It in a sentence."""
         place = self.place
         if place is None or place.curve is None:
-            return "What is left acts as no force or flow at any place of the diagram: noise of a measured input, the " \
-                   "dynamics of a sensor, or parameters that change leave such a residual."
+            return f"What is left acts as no force or flow at any place of the diagram. {OTHER_CAUSES}"
         curve, percent = place.curve, number(100 * self.share, 2)
         if not self.decided:
             why = f"{number(100 * curve.covered, 2)} % of the held-out motion lies within that of the fitted records" \

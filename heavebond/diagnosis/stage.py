@@ -298,9 +298,11 @@ def choosing(made: Stage, trial: Refit) -> Stage:
     earned = _earned(made)
     found = compared(trial, [trial, *(t for t in earned if t is not trial)], made.errors)
     near = [t for t in earned if any(t is m for m in found.members) or _as_good(t, trial)]
-    close = [t for t in near if t is not trial and not any(_needless(t, simpler) for simpler in (trial, *near))]
+    others = (trial, *near)
+    others = (*others, *twins_of(others, made))
+    close = [t for t in near if t is not trial and not refines(t, others)]
     return replace(made, chosen=trial, identity=found,
-                   cluster=(trial, *close, *_twins_of([trial, *close], made)))
+                   cluster=(trial, *close, *twins_of([trial, *close], made)))
 
 
 def _as_good(trial: Refit, best: Refit) -> bool:
@@ -308,6 +310,11 @@ def _as_good(trial: Refit, best: Refit) -> bool:
     comes of numbers that the fit leaves open (play on the one or the other side of a cylinder)."""
     return trial.candidate.component == best.candidate.component and trial.experiment.noise_given \
         and trial.cost - best.cost < EARNED and is_noise(trial.chi2_fit, trial.chi2_held_out, trial.samples_held_out)
+
+
+def refines(trial: Refit, laws: Iterable[Refit]) -> bool:
+    """Whether a law only refines one of these at the same place, but for chance."""
+    return any(_needless(trial, simpler) for simpler in laws)
 
 
 def _needless(trial: Refit, simpler: Refit) -> bool:
@@ -349,7 +356,7 @@ def simpler_law(made: Stage, trial: Refit) -> Refit | None:
     return min(found, key=merit, default=None)
 
 
-def _twins_of(close: Sequence[Refit], made: Stage) -> list[Refit]:
+def twins_of(close: Sequence[Refit], made: Stage) -> list[Refit]:
     """Candidates of another class, or at another place, that are the same machine as one that was refitted. (`leakage`
     between the chambers is `internal leakage` of the piston; a delay of an input and of the only channel may act alike.)"""
     by_label = {s.candidate.label: s.candidate for s in made.scores}

@@ -401,8 +401,7 @@ def _undetermined(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]
             "where the model is fitted; give a longer or more exciting record `use: fit`."
     if not steps[0].left.significant:
         return "Not decided by these records: no channel moves by more than a few times its noise."
-    return "The residual exceeds the noise, but no effect of the catalogue reduces it noticeably on held-out data. Noise " \
-        "of a measured input (give its `noise:`), or parameters that change with time or temperature, leave such a residual."
+    return "The residual exceeds the noise, but no effect of the catalogue reduces it noticeably on held-out data."
 
 
 _WORDS: dict[str, Callable[..., str]] = {
