@@ -128,4 +128,10 @@ def test_a_further_effect_is_named_by_its_share_and_its_constancy(
 
 def test_the_share_is_that_of_the_first_misfit() -> None:
     assert material_share(ladder(1001, 101, 51)) == pytest.approx(0.05)
+    # the smaller of both shares; what was not held out has none
+    way = ladder(1001, 101, 51)
+    way[-1].chosen.chi2_held_out = 91.0
+    assert material_share(way) == pytest.approx(0.01)
+    way[0].step.chi2_held_out = way[-1].step.chi2_held_out = way[-1].chosen.chi2_held_out = float("nan")
+    assert material_share(way) == pytest.approx(0.05)
     assert not replace(Constancy((1.0, 1.05), 1e-9)).differs and not Constancy((0.5, 1.5), 0.2).differs
