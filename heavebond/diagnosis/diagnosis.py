@@ -369,9 +369,9 @@ def _left_over(said: str, rest: Remainder | None, steps: Sequence[Stage]) -> lis
     """What is left after what was found, where that is not all."""
     if said not in ("mainly", "shape", "undetermined") or not steps[0].left.significant:
         return []
-    if rest is not None:
-        return [rest.words]
-    return [OTHER_CAUSES] if said == "undetermined" and not steps[-1].partial else []
+    if rest is None:
+        return [OTHER_CAUSES] if said == "undetermined" and not steps[-1].partial else []
+    return [rest.words, *([OTHER_CAUSES] if rest.place is None or (said == "undetermined" and not rest.decided) else [])]
 
 
 def _lost(steps: Sequence[Stage]) -> list[str]:

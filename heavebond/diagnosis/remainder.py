@@ -52,7 +52,7 @@ class Remainder:
         """It in a sentence."""
         place = self.place
         if place is None or place.curve is None:
-            return f"What is left acts as no force or flow at any place of the diagram. {OTHER_CAUSES}"
+            return "What is left acts as no force or flow at any place of the diagram."
         curve, percent = place.curve, number(100 * self.share, 2)
         if not self.decided:
             why = f"{number(100 * curve.covered, 2)} % of the held-out motion lies within that of the fitted records" \
