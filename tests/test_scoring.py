@@ -275,3 +275,16 @@ def test_words_tell_what_acts_as_another_value() -> None:
     (line,) = acting_as_values([finding], [step], [])
     assert line.startswith("added mass on crown (Mass) acts as another value of crown.m does")
     assert acting_as_values([finding], [step], ["crown.m"]) == []  # told already
+
+
+@pytest.mark.parametrize(("motion", "found"), [((1.0, 3.0), (1.0, 3.0)), ((-2.0, -0.2), (0.0, 0.7)), ((-9.0, -8.0), None)])
+def test_a_limit_that_the_motion_does_not_reach_is_looked_for_where_a_refit_seeks_it(
+        monkeypatch: pytest.MonkeyPatch, motion: tuple[float, float], found: tuple[float, float] | None) -> None:
+    """A limit that is not negative, of a motion above and below zero: half of the span beyond it belongs to the search."""
+    number = SimpleNamespace(name="limit.x", sought=SimpleNamespace(range=None), low=0.0, high=None)
+    candidate: Any = SimpleNamespace(numbers=(number,), vanishes=True, orders=())
+    monkeypatch.setattr(scoring, "motion_ranges", lambda *others: {"limit.x": motion})
+    unused: Any = None
+    points = scoring.shape_points(candidate, (), unused)
+    low, high = found or (0.0, 0.0)
+    assert all(low < point["limit.x"] < high if found else not point for point in points)

@@ -425,8 +425,11 @@ def _scored(base: Base, candidate: Candidate, shapes: Mapping[str, float], s: Ar
 
 
 def shape_points(candidate: Candidate, runs: Sequence[Run], base: Base) -> list[dict[str, float]]:
-    """Choices of the shape parameters: points along the diagonal of their ranges, in logarithms above zero."""
+    """Choices of the shape parameters: points along the diagonal of their ranges, in logarithms above zero. Where the motion
+    alone leaves no range (a limit above zero of what moves below zero only), that of a refit."""
     ranges = shape_ranges(candidate, runs, base)
+    if any(n.sought is not None and n.name not in ranges for n in candidate.numbers):
+        ranges = {**shape_ranges(candidate, runs, base, BEYOND), **ranges}
     if not ranges:
         return [{}]
     found = []
