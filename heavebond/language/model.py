@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "remove", "initial", "show",
               "simulate", "view", "source", "notes")
 LONGEST_CHAIN = 50
+RECORD_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".parquet", ".pq", ".mat")  # files that an experiment reads
 
 
 @dataclass(frozen=True)
@@ -189,7 +190,7 @@ def find(name: str | Path, head: str = "model") -> Path:
         raise UsageError([Problem("file-suffix", f"'{name}' is no {head}: that is a YAML file", None,
                                   f"Give the {head}, whose name ends in .yaml." + (
                                       f" `heavebond new NAME.yaml --from DIAGRAM.yaml {name}` proposes one for this record."
-                                      if head == "experiment" else ""))])
+                                      if head == "experiment" and path.suffix.lower() in RECORD_SUFFIXES else ""))])
     known = [m.parent.name if m.stem == m.parent.name else f"{m.parent.name}/{m.stem}"
              for m in sorted(bundled("models").glob("*/*.yaml"))]
     if head == "study":
