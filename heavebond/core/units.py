@@ -16,7 +16,7 @@ from math import isfinite, pi
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from heavebond.core.common_units import common_unit
-from heavebond.core.errors import suggest
+from heavebond.core.errors import Place, Problems, suggest
 from heavebond.core.limits import NUMBER as LARGEST
 from heavebond.core.limits import QUANTITY
 from heavebond.core.numerals import NUMBER
@@ -410,16 +410,15 @@ def other_unit(given: Unit, wanted: Unit) -> str:
     return f"Write it in {wanted.text} or in a multiple of it."
 
 
-def check_turns(given: str, wanted: Unit, subject: str) -> None:
-    """Raise UnitProblem where `subject`, a speed of rotation or a frequency, is given in a unit that counts otherwise:
-    1/min or Hz of a shaft would be taken for radians, and be wrong by 2*pi. 1/s, the SI's own, may stand for either."""
+def check_turns(given: str, wanted: Unit, subject: str, place: Place | None, problems: Problems) -> None:
+    """Add a problem where `subject`, a speed of rotation or a frequency, is given in a unit that counts otherwise: 1/min or
+    Hz of a shaft would be taken for radians, and be wrong by 2*pi. 1/s, the SI's own, may stand for either."""
     read = read_unit(given)
     if read.dimension != wanted.dimension or wanted.dimension != FREQUENCY or (not read.counts and read.scale == 1):
         return
     if (instead := counted_otherwise(read, wanted)) is not None:
-        raise UnitProblem("unit-cycles", f"{subject} is in {wanted.text}; {given} does not count radians"
-                          if wanted.counts == "angle" else f"{subject} is in {wanted.text}; {given} does not count cycles",
-                          instead)
+        what = "radians" if wanted.counts == "angle" else "cycles"
+        problems.add("unit-cycles", f"{subject} is in {wanted.text}; {given} does not count {what}", place, hint=instead)
 
 
 @lru_cache(maxsize=4096)

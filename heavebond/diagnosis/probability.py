@@ -133,9 +133,9 @@ def evidence(made: Stage, values: Stage | None = None, sheet: float = 1.0) -> Ev
     for trial in trials:
         families.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)
                              if trial.candidate.kind != VALUE else trial.candidate.name), []).append(trial)
-    best = [min(family, key=loss) for family in families.values()]
-    left = max(1.0, min(map(loss, best), default=1.0))
     alike = list(families.values())
+    best = [min(family, key=loss) for family in alike]
+    left = max(1.0, min(map(loss, best), default=1.0))
     return Evidence(*_weighted(alike, _to_simpler(alike, best, _weights(best), made), made), left,
                     factor_bound(_p_value(made.left)), factor_bound(sheet))
 

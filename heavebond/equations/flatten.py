@@ -13,7 +13,6 @@ from heavebond.core.units import (
     DIMENSIONLESS,
     ONE,
     Unit,
-    UnitProblem,
     as_meant,
     check_turns,
     declared_unit,
@@ -367,10 +366,7 @@ class _Builder:
             self.problems.add("unit-wrong", f"{path} is in {unit.text}; the column '{given.column}' cannot be in "
                               f"{given.unit}", given.place, hint=other_unit(read, unit) if meant else
                               "Write the unit of the numbers in the file, or take another column.")
-        try:
-            check_turns(given.unit, unit, path)
-        except UnitProblem as problem:
-            self.problems.add(problem.code, problem.message, given.place, hint=problem.hint)
+        check_turns(given.unit, unit, path, given.place, self.problems)
         symbols = stack([ca.SX.sym("d" * k + "measured " + name) for k in range(4)])
         known = KnownInput(path, given, unit, symbols)
         self.inputs.append(known)

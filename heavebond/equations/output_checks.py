@@ -6,7 +6,7 @@ from collections.abc import Container, Iterable, Mapping
 from typing import Protocol
 
 from heavebond.core.errors import Problems, listing, suggest
-from heavebond.core.units import ONE, Dimension, Unit, UnitProblem, check_turns, dimension_text, read_unit
+from heavebond.core.units import ONE, Dimension, Unit, check_turns, dimension_text, read_unit
 from heavebond.language import reading
 from heavebond.language.model import Model
 from heavebond.language.sections import Condition, NamedOutput
@@ -60,10 +60,7 @@ def _shown(shown: NamedOutput, resolver: Resolver, problems: Problems) -> None:
                      shown.place, hint=f"Write `unit: {unit}`, or a multiple of it.")
         return
     if found is not None and (own := resolver.unit(shown.expr)) is not None:
-        try:
-            check_turns(shown.unit, own, f"output '{shown.name}'")
-        except UnitProblem as problem:
-            problems.add(problem.code, problem.message, shown.place, hint=problem.hint)
+        check_turns(shown.unit, own, f"output '{shown.name}'", shown.place, problems)
 
 
 def _condition(condition: Condition, resolver: Resolver, held: Container[str], problems: Problems) -> None:

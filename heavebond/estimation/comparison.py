@@ -27,7 +27,7 @@ from heavebond.core.errors import (
 )
 from heavebond.core.presentation import brief, count, number, readable_time
 from heavebond.core.reporting import place, reporting
-from heavebond.core.units import Unit, UnitProblem, check_turns, other_unit, read_unit
+from heavebond.core.units import Unit, check_turns, other_unit, read_unit
 from heavebond.estimation.change import quoted
 from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.constant_bias import all_advice
@@ -398,10 +398,7 @@ def _check_output(assembly: Assembly, name: str, output: Output, problems: Probl
         problems.add("unit-wrong", f"output '{name}' is in {found.text}, its column in {output.shown.unit}", output.place,
                      hint=other_unit(read_unit(output.shown.unit), found))
         return
-    try:
-        check_turns(output.shown.unit, found, f"output '{name}'")
-    except UnitProblem as problem:
-        problems.add(problem.code, problem.message, output.place, hint=problem.hint)
+    check_turns(output.shown.unit, found, f"output '{name}'", output.place, problems)
 
 
 def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) -> None:
@@ -421,10 +418,7 @@ def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) 
             problems.add("unit-wrong", f"the range of {name} is in {free.range.unit.text}; {unit.text} is needed", place,
                          hint=f"Write it in {unit.text} or in a multiple of it.")
             continue
-        try:
-            check_turns(free.range.unit.text, unit, name)
-        except UnitProblem as problem:
-            problems.add(problem.code, problem.message, place, hint=problem.hint)
+        check_turns(free.range.unit.text, unit, name, place, problems)
 
 
 def _channel(name: str, found: Samples, simulated: Array, counts: Mask, astray: Mask, late: TimeDelay | None) -> Channel:

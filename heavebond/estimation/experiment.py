@@ -20,6 +20,7 @@ from heavebond.language import reading
 from heavebond.language.definition import FileInput
 from heavebond.language.model import Model, beside, beside_hint, find, load_beside
 from heavebond.language.sections import Condition, NamedOutput, Setting, read_conditions, read_settings, shown_as
+from heavebond.records.measurements import SUFFIXES
 from heavebond.records.noise import NoiseEstimate
 from heavebond.text.expression import calling, constant, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source, read
@@ -190,7 +191,7 @@ def load_experiment(experiment: ExperimentOrFile) -> Experiment:
     `experiment` is the path of a file or the name of a bundled one (`passive_rig/friction`); an Experiment is returned as it
     is. Raises UsageError where there is no such file, ModelError with the lines that are wrong.
     """
-    return experiment if isinstance(experiment, Experiment) else _load(find(experiment, "experiment"), ())
+    return experiment if isinstance(experiment, Experiment) else _load(find(experiment, "experiment", SUFFIXES), ())
 
 
 def _load(path: Path, chain: tuple[Path, ...]) -> Experiment:

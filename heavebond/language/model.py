@@ -3,6 +3,7 @@ one."""
 
 from __future__ import annotations
 
+from collections.abc import Container
 from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
 MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "remove", "initial", "show",
               "simulate", "view", "source", "notes")
 LONGEST_CHAIN = 50
-RECORD_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".parquet", ".pq", ".mat")  # files that an experiment reads
 
 
 @dataclass(frozen=True)
@@ -168,8 +168,9 @@ def loaded(model: ModelOrFile) -> Model:
     return model if isinstance(model, Model) else load(model)
 
 
-def find(name: str | Path, head: str = "model") -> Path:
-    """The file that `name` means; UsageError with near names where there is none."""
+def find(name: str | Path, head: str = "model", records: Container[str] = ()) -> Path:
+    """The file that `name` means; UsageError with near names where there is none. Files with a suffix of `records` hold
+    what was measured, for which an experiment can be proposed."""
     path = Path(name)
     if path.is_dir() and (path.suffix or not (bundled("models") / path).is_dir()):
         files = [str(p) for p in sorted(path.glob("*.yaml"))]
@@ -190,7 +191,7 @@ def find(name: str | Path, head: str = "model") -> Path:
         raise UsageError([Problem("file-suffix", f"'{name}' is no {head}: that is a YAML file", None,
                                   f"Give the {head}, whose name ends in .yaml." + (
                                       f" `heavebond new NAME.yaml --from DIAGRAM.yaml {name}` proposes one for this record."
-                                      if head == "experiment" and path.suffix.lower() in RECORD_SUFFIXES else ""))])
+                                      if path.suffix.lower() in records else ""))])
     known = [m.parent.name if m.stem == m.parent.name else f"{m.parent.name}/{m.stem}"
              for m in sorted(bundled("models").glob("*/*.yaml"))]
     if head == "study":

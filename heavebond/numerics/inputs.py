@@ -8,7 +8,7 @@ from zlib import crc32
 import numpy as np
 
 from heavebond.core.errors import DataError, Problem, Problems
-from heavebond.core.units import UnitProblem, check_turns, other_unit, read_unit
+from heavebond.core.units import check_turns, other_unit, read_unit
 from heavebond.equations.flatten import Flat, KnownInput
 from heavebond.language.definition import FileInput
 from heavebond.numerics.dae import Array
@@ -60,10 +60,9 @@ def read_input(known: KnownInput, begin: float = -np.inf, end: float = np.inf) -
     if unit.dimension != known.unit.dimension:
         raise DataError([Problem("unit-wrong", f"{known.name} is in {known.unit.text}; the record gives it in "
                                  f"{given.unit}", given.place, hint=other_unit(unit, known.unit))])
-    try:
-        check_turns(given.unit, known.unit, known.name)
-    except UnitProblem as problem:
-        raise DataError([Problem(problem.code, problem.message, given.place, hint=problem.hint)]) from None
+    problems = Problems()
+    check_turns(given.unit, known.unit, known.name, given.place, problems)
+    problems.raise_as(DataError)
     time, values = input_samples(given, begin, end)
     if given.seed is not None:
         random = np.random.default_rng([given.seed, crc32(known.name.encode())])

@@ -29,6 +29,7 @@ Rows = NDArray[np.int64]
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 PARQUET_SUFFIXES = (".parquet", ".pq")
 MATLAB_SUFFIXES = (".mat",)
+SUFFIXES = (*TEXT_SUFFIXES, *PARQUET_SUFFIXES, *MATLAB_SUFFIXES)  # of files that hold a record
 GAP_FACTOR = 1.5
 BRIDGED = 3  # so many missing samples of an input in a row are interpolated without a word in the file
 _NAMED_UNIT = re.compile(r".*\S\s*([\[(][^\[\]()]+[\])])")  # pull [kN], p (bar)

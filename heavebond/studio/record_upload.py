@@ -10,11 +10,10 @@ from pathlib import Path
 
 from heavebond.core.errors import Problem, UsageError, listing
 from heavebond.core.writable import make_folder, new_file
-from heavebond.records.measurements import MATLAB_SUFFIXES, PARQUET_SUFFIXES, TEXT_SUFFIXES
+from heavebond.records.measurements import SUFFIXES
 from heavebond.studio.folder import BUNDLED, Folder
 
 RECORD_BYTES = 500_000_000  # of one file
-SUFFIXES = (*TEXT_SUFFIXES, *PARQUET_SUFFIXES, *MATLAB_SUFFIXES)
 PLACE = "data"  # the folder beside a diagram in which its records are put
 LONGEST = 80  # characters of a name without its suffix
 
