@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -38,7 +39,7 @@ FRICTION = Event("dry friction", 0.0, "between bed and slide", ("bed", "slide"),
 DRAG = Event("quadratic damping", 0.0, "between bed and slide", ("bed", "slide"), ("Drag between bed and slide",))
 MASS = Event(VALUE, 0.0, "in slide (m)", ("slide",), ("Mass in slide (m)",))
 REFIT = Refit(*(cast(Any, None),) * 3, 100.0, 1.0, 1.0, 100, 100, 2, (), 0.0, 1)
-GIVEN = Calibration(0, 4.0, 0.25, 5.0, 0.02)
+GIVEN = Calibration(0, 4.0, 0.25, math.log(2) / 0.75, 5.0, 0.02)  # odds outside: 0.25 at noise level, 0.5 at four times
 
 
 def known(left: float = 1.0, missing: float = 0.0, sheet: float = 0.0) -> Evidence:
@@ -62,6 +63,7 @@ def test_probabilities_follow_from_the_weights_and_the_tests() -> None:
     assert found[OUTSIDE] == pytest.approx(0.98 * 0.2) and found[OTHER] == pytest.approx(0.02)
     worse = of(known(left=4.0))
     assert worse[OUTSIDE] == pytest.approx(0.98 / 3)  # odds 0.25 * 2
+    assert of(known(left=1e9))[OUTSIDE] == pytest.approx(0.98 * (odds := 0.25 * 2**(1 / 0.75)) / (1 + odds))  # no more
     still = of(replace(known(missing=1.0, sheet=1.0), effects=(), weights={}, left=1.0))
     assert still[NOTHING] == pytest.approx(0.98 * (5 / 6) ** 2) and still[PARAMETERS] == pytest.approx(0.98 * 5 / 36)
 

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
 STUDY = "calibration"
 # Before any case is seen: each constant but the temperature is log-normal about these values, a factor of e its deviation.
-BEFORE = Calibration(0, 4.0, 0.2, 5.0, 0.03)
-FITTED = ("outside", "simpler", "lapse")
+BEFORE = Calibration(0, 4.0, 0.2, 2.0, 5.0, 0.03)
+FITTED = ("outside", "excess", "simpler", "lapse")
 SIMPLE = {"nothing": NOTHING, "free": PARAMETERS, "fixed": PARAMETERS, "outside": OUTSIDE}  # events of what is hidden
 LEAST = 1e-4  # probability below which one is not asked to be right
 EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)

@@ -12,7 +12,8 @@ of blocks (see `confidence_set`),
 
 over resamples; for T = 0 the share of resamples in which i predicts best. A law that only refines a simpler one at the same
 place, with an amplitude that the records do not tell from none, counts with the simpler one. The odds of a law outside the
-catalogue are A e, with e the root mean square of what the best of these leaves, in units of the noise (at least 1). Whether
+catalogue are A exp(B (1 - 1/c)), with c the mean squared prediction error that the best of these leaves, in noise variances
+(at least 1): 1 - 1/c is the share of it that is more than noise, so that they end at A exp(B) however much is left. Whether
 there is an effect at all follows from the p value of the tests of the residual by the smallest Bayes factor for none, -e p
 ln p (T. Sellke, M. J. Bayarri, J. O. Berger, 2001, doi:10.1198/000313001300339950), times prior odds; whether the data
 sheet is right by that of the likelihood ratio of the fitted parameters, with the same odds. A share of everything is kept
@@ -52,13 +53,15 @@ class Calibration:
     """The constants, fitted to the cases of the study on success rates (`python -m benchmarks.diagnosis.calibration fit`).
 
     cases: how many these were; temperature: T, by which log-likelihoods are divided; outside: A, the odds of a law outside
-    the catalogue where one of the catalogue leaves noise; simpler: K, the odds that nothing is missing, and that the data
+    the catalogue where one of the catalogue leaves noise; excess: B, the logarithm of the factor by which they are larger
+    where much more than noise is left; simpler: K, the odds that nothing is missing, and that the data
     sheet is right, where no test speaks against it; lapse: share kept for effects of the catalogue that were not considered.
     """
 
     cases: int = 229
     temperature: float = 8.0
-    outside: float = 0.17
+    outside: float = 0.096
+    excess: float = 3.5
     simpler: float = 42.0
     lapse: float = 0.0125
 
@@ -222,7 +225,7 @@ def parts(constants: Calibration, missing: Share, sheet: Share, left: Share) -> 
     """The probabilities of nothing, of parameters that are fitted, of a law outside the catalogue, and of all effects and
     other values together, which share it by their weights; numbers, or arrays of them for many cases."""
     without, right = _share(constants.simpler * missing), _share(constants.simpler * sheet)
-    outside = _share(constants.outside * left**0.5)
+    outside = _share(constants.outside * np.exp(constants.excess * (1 - 1 / left)))
     rest = 1 - constants.lapse
     return (rest * without * right, rest * without * (1 - right), rest * (1 - without) * outside,
             rest * (1 - without) * (1 - outside))
