@@ -14,7 +14,7 @@ from click.testing import CliRunner
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.units import read_unit
-from heavebond.diagnosis.diagnosis import wrong_starts
+from heavebond.diagnosis.answer_notes import wrong_starts
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.verdict import _revalued
 from heavebond.estimation.constant_bias import Bias, common_bias, mean_residual

@@ -22,6 +22,7 @@ from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
 from heavebond.diagnosis.adequacy import Adequacy
 from heavebond.diagnosis.alternatives import Alternative
+from heavebond.diagnosis.answer_notes import closed_loops, lost_candidates, residual_notes, search_limits, wrong_starts
 from heavebond.diagnosis.candidate_workers import working_on
 from heavebond.diagnosis.confirming import Confirming
 from heavebond.diagnosis.early_end import CALIBRATION, CURVES, EFFECTS, FURTHER, VALUES, before_search, so_far, was_ended
@@ -33,7 +34,7 @@ from heavebond.diagnosis.ladder import AddedEffect, LadderEntry
 from heavebond.diagnosis.probability import Event, Evidence, evidence, probabilities, stated
 from heavebond.diagnosis.ranking import as_dicts, entries
 from heavebond.diagnosis.refit import Refit
-from heavebond.diagnosis.remainder import OTHER_CAUSES, Remainder, remainder
+from heavebond.diagnosis.remainder import Remainder, remainder
 from heavebond.diagnosis.stage import (
     SECONDS,
     Stage,
@@ -248,11 +249,11 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
             *acting_as_values(come.findings, come.steps, [t.candidate.name for t in come.values]),
             *(apart.words if apart is not None else ()),
             *(u.words for u in reversed(unsupported) if said not in ("effect", "one_of", "parameters")),
-            *_left_over(said, rest, come.steps),
-            *_lost(come.steps), *_closed_loops(ladder[0].comparison),
+            *residual_notes(said, rest, come.steps),
+            *lost_candidates(come.steps), *closed_loops(ladder[0].comparison),
             *wrong_starts(said, rungs[-1].comparison),
             *so_far(come.steps, come.untried),
-            *_limits(classes, cut(part, experiment), confirming.shorter))
+            *search_limits(classes, cut(part, experiment), confirming.shorter))
     return Diagnosis(experiment, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
                      _noise(ladder[0].comparison), budget.spent, apart, part, adequate, come.untried, rest,
                      evidence(come.steps[0], come.fixed, sheet_p_value(base)), bool(classes))
@@ -363,47 +364,6 @@ def _noticeable(way: Selection, last: Stage) -> tuple[Selection, Stage]:
     if len(way) != 1 or worth_it(way[0].step):
         return way, last
     return (), replace(way[0].step, chosen=None, cluster=(), partial=last.partial)
-
-
-def _left_over(said: str, rest: Remainder | None, steps: Sequence[Stage]) -> list[str]:
-    """What is left after what was found, where that is not all."""
-    if said not in ("mainly", "shape", "undetermined") or not steps[0].left.significant:
-        return []
-    if rest is None:
-        return [OTHER_CAUSES] if said == "undetermined" and not steps[-1].partial else []
-    return [rest.words, *([OTHER_CAUSES] if rest.place is None or (said == "undetermined" and not rest.decided) else [])]
-
-
-def _lost(steps: Sequence[Stage]) -> list[str]:
-    """What the search is without, as the system ended a process."""
-    lost = list(dict.fromkeys(label for step in steps for label in step.lost))
-    return [f"Not tried to the end: {listing(lost, 4)}. The processes that worked on this died, also when it was tried "
-            "again alone (killed, or out of memory). Fewer `--processes`, or `--samples`, need less memory."] if lost else []
-
-
-def wrong_starts(said: str, last: Comparison) -> list[str]:
-    """Channels that begin elsewhere than the model with all effects, and what that means where no name was found."""
-    found = [f"{name}: {start}." for name, record in last.records.items() for start in record.starts]
-    if found and said == "undetermined":
-        found.append("A wrong start leaves a transient that no effect explains, and may hide the one that is missing: set "
-                     "the start right, then diagnose again.")
-    return found
-
-
-def _closed_loops(first: Comparison) -> list[str]:
-    """That inputs follow from outputs, once for each input, and what that means for the answer."""
-    told = dict.fromkeys(note for record in first.records.values() for note in record.feedback)
-    return [f"The answer may be biased: {next(iter(told))}."] if told else []
-
-
-def _limits(classes: Sequence[str], looked: str, shorter: bool) -> list[str]:
-    """What was left out of the search."""
-    only = f"Tried were only effects of {'this class' if len(classes) == 1 else 'these classes'}: {listing(classes)}."
-    fitted = "the time did not suffice to fit what it found to all of them. Every figure is that of these beginnings" \
-        if shorter else "what it found was fitted to all of them"
-    part = f"The records are long: the search looked at their beginning ({looked}), and {fitted}. `--samples` sets how " \
-        "much, `from:` and `to:` at a record which part."
-    return [*([only] if classes else []), *([part] if looked else [])]
 
 
 def _separation(findings: Sequence[AddedEffect], say: Progress, seconds: float) -> Separation | None:
