@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.errors import Problems, listing
+from heavebond.equations.events import FlatEvent
 from heavebond.equations.flatten import EquationRole, Flat
 from heavebond.equations.parameters import FlatParameter
 from heavebond.equations.reduce import Reduced, reduce
@@ -28,6 +30,34 @@ SMALL = 1e-9  # share of the largest response that counts as none: rounding
 def check_resets(reduced: Reduced, problems: Problems) -> None:
     """Add a problem for each event that sets a speed which no impulse at the ports of its component changes alone."""
     flat = reduced.flat
+    candidates = list(_candidates(reduced))
+    column = {row: k for k, row in enumerate(dict.fromkeys(row for c in candidates for row in c.balances))}
+    response = _response(flat, list(column), reduced) if candidates else None
+    if response is None:
+        return
+    for event, given, speeds, balances in candidates:
+        others = [k for k in range(len(reduced.states)) if k not in given and _is_speed(flat, reduced, k)]
+        moved = _moved_too(response[:, [column[row] for row in balances]], speeds, others)
+        if moved:
+            what, too = (listing((reduced.name(reduced.states[k]) for k in which), 4) for which in (speeds, moved))
+            problems.add("reset-without-impulse", f"'{event.name}' sets {what} and leaves {too}, which a force at its ports "
+                         "changes too: momentum and energy would appear from nothing", event.place,
+                         hint="Name the force that acts during the impact beside the new speed: `impulse: F_i` with "
+                         "`then: {v: -e * v}`, where `F_i: {unit: N, held: 0}` is part of the force at the ports.")
+
+
+class _Candidate(NamedTuple):
+    """An event that sets speeds without an impulse: the states (numbers) that it sets, those of them that are speeds of the
+    ports of its component, and the balances of forces (rows) of these ports."""
+
+    event: FlatEvent
+    given: set[int]
+    speeds: list[int]
+    balances: list[int]
+
+
+def _candidates(reduced: Reduced) -> Iterator[_Candidate]:
+    flat = reduced.flat
     number = {unknown: k for k, (unknown, order) in enumerate(reduced.states) if order == 0}
     for event in flat.events:
         part = event.name.rpartition(".")[0]
@@ -37,19 +67,8 @@ def check_resets(reduced: Reduced, problems: Problems) -> None:
         ports = list(_ports(flat, part)) if given else []
         flows = [reduced.express(flat.levels[0][flow]) for _, flow in ports]
         speeds = [k for k in sorted(given) if any(ca.which_depends(f, reduced.x[k], 1, False)[0] for f in flows)]
-        if not speeds:
-            continue
-        response = _response(flat, [row for row, _ in ports], reduced)
-        if response is None:
-            continue
-        others = [k for k in range(len(reduced.states)) if k not in given and _is_speed(flat, reduced, k)]
-        moved = _moved_too(response, speeds, others)
-        if moved:
-            what, too = (listing((reduced.name(reduced.states[k]) for k in which), 4) for which in (speeds, moved))
-            problems.add("reset-without-impulse", f"'{event.name}' sets {what} and leaves {too}, which a force at its ports "
-                         "changes too: momentum and energy would appear from nothing", event.place,
-                         hint="Name the force that acts during the impact beside the new speed: `impulse: F_i` with "
-                         "`then: {v: -e * v}`, where `F_i: {unit: N, held: 0}` is part of the force at the ports.")
+        if speeds:
+            yield _Candidate(event, given, speeds, [row for row, _ in ports])
 
 
 def _ports(flat: Flat, part: str) -> Iterator[tuple[int, int]]:
