@@ -15,7 +15,7 @@ import argparse
 import resource
 import tempfile
 import time as clock
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -176,19 +176,21 @@ def _megabytes() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
 
 
-def main() -> None:
-    """Diagnose the cases, keep and print what was found."""
-    reading = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def command(description: str | None, study: str, cases: Mapping[str, Case],
+            diagnose: Callable[[str, Path], tuple[dict[str, object], Diagnosis]]) -> None:
+    """The command line of a study: diagnose the cases that are named, or that are not on disk yet, keep and print what was
+    found."""
+    reading = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     reading.add_argument("cases", nargs="*", metavar="CASE", help="which (default: those that are not on disk yet)")
     reading.add_argument("--report", type=Path, help="where the page about the last of them is written")
     asked = reading.parse_args()
-    done = keeping.read(STUDY)
-    if unknown := set(asked.cases) - CASES.keys():
-        reading.error(f"no such case: {listing(sorted(unknown))}; there are {listing(CASES)}")
-    for name in asked.cases or [name for name in CASES if name not in done]:
+    done = keeping.read(study)
+    if unknown := set(asked.cases) - cases.keys():
+        reading.error(f"no such case: {listing(sorted(unknown))}; there are {listing(cases)}")
+    for name in asked.cases or [name for name in cases if name not in done]:
         with tempfile.TemporaryDirectory() as folder:
-            row, found = diagnosed(name, Path(folder))
-            keeping.add(STUDY, row)
+            row, found = diagnose(name, Path(folder))
+            keeping.add(study, row)
             print(f"{name}: {row['outcome']}, {row['verdict']}, {row['processor']:.0f} s of processor time")
             print(f"  {row['words']}", flush=True)
             if asked.report is not None:
@@ -196,4 +198,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command(__doc__, STUDY, CASES, diagnosed)

@@ -6,12 +6,11 @@ compared with these records, fitted and diagnosed as a user would:
 
     python -m benchmarks.diagnosis.independent                     cases that are not on disk yet
     python -m benchmarks.diagnosis.independent overlap             these cases again
+    python -m benchmarks.diagnosis.independent overlap --report overlap.html
 """
 
 from __future__ import annotations
 
-import argparse
-import tempfile
 import time as clock
 from collections.abc import Mapping
 from dataclasses import replace
@@ -22,11 +21,9 @@ import pandas as pd
 
 import heavebond as hb
 from benchmarks import reference_cmc_ahc as reference
-from benchmarks.diagnosis import keeping
-from benchmarks.diagnosis.compensator import FRICTION, LEAKAGE, OVERLAP, Case, judged
+from benchmarks.diagnosis.compensator import FRICTION, LEAKAGE, OVERLAP, Case, command, judged
 from benchmarks.diagnosis.judging import SECONDS, told
 from benchmarks.diagnosis.making import generator
-from heavebond.core.errors import listing
 from heavebond.diagnosis.diagnosis import Diagnosis
 from heavebond.estimation.experiment import Experiment
 
@@ -128,21 +125,5 @@ def diagnosed(name: str, folder: Path) -> tuple[dict[str, object], Diagnosis]:
     return row, found
 
 
-def main() -> None:
-    """Diagnose the cases, keep and print the results."""
-    reading = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    reading.add_argument("cases", nargs="*", metavar="CASE", help="which (default: those that are not on disk yet)")
-    asked = reading.parse_args()
-    done = keeping.read(STUDY)
-    if unknown := set(asked.cases) - CASES.keys():
-        reading.error(f"no such case: {listing(sorted(unknown))}; there are {listing(CASES)}")
-    for name in asked.cases or [name for name in CASES if name not in done]:
-        with tempfile.TemporaryDirectory() as folder:
-            row, _ = diagnosed(name, Path(folder))
-            keeping.add(STUDY, row)
-            print(f"{name}: {row['outcome']}, {row['verdict']}, {row['processor']:.0f} s of processor time")
-            print(f"  {row['words']}", flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    command(__doc__, STUDY, CASES, diagnosed)
