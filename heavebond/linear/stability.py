@@ -181,10 +181,21 @@ def strong_blocks(a: Array) -> list[list[int]]:
 
 def eigenvalues(a: Array) -> Complex:
     """The eigenvalues (n,) of a matrix (n, n), zeros exact."""
+    return _eigenvalues(_regular_parts(a))
+
+
+def _regular_parts(a: Array) -> list[tuple[Array, int]]:
+    """Of each strongly connected block of a matrix a regular one with its other eigenvalues, and how often it has 0."""
     whole = float(np.linalg.norm(_balanced(a)[0], 2)) if len(a) else 0.0
+    parts = [_without_zeros(_balanced(a[np.ix_(block, block)])[0], STABILITY.rounding * len(a) * whole)
+             for block in strong_blocks(a)]
+    return [(rest, zeros) for rest, _, zeros in parts]
+
+
+def _eigenvalues(parts: Sequence[tuple[Array, int]]) -> Complex:
+    """All eigenvalues (n,) of these blocks."""
     found = []
-    for block in strong_blocks(a):
-        rest, _, zeros = _without_zeros(_balanced(a[np.ix_(block, block)])[0], STABILITY.rounding * len(a) * whole)
+    for rest, zeros in parts:
         values, right = np.linalg.eig(rest)
         found += [np.zeros(zeros, complex), real_within_rounding(values, right, np.linalg.pinv(right).conj().T, rest)]
     return np.concatenate(found) if found else np.zeros(0, complex)
@@ -208,9 +219,10 @@ def _accuracy(right: Array | Complex, left: Array | Complex, a: Array) -> Array:
 
 def with_zeros(values: Complex, a: Array) -> Complex:
     """Eigenvalues (n,) of a matrix as another method found them, in their order, with the zeros exact."""
-    exact = eigenvalues(a)
-    if exact.all():
+    parts = _regular_parts(a)
+    if not any(zeros for _, zeros in parts):
         return values
+    exact = _eigenvalues(parts)
     found = values.astype(complex)
     found[_matched(exact, values)] = exact
     return found
@@ -229,12 +241,12 @@ def _without_zeros(a: Array, least: float) -> tuple[Array, Array, int]:
     rest, null, zeros = a, np.zeros((len(a), 0)), 0
     bound = least
     while len(rest):
-        _, sizes, across = np.linalg.svd(rest)
+        sizes = np.linalg.svd(rest, compute_uv=False)
         bound = max(bound, STABILITY.coupled * float(sizes[0])) if not zeros else bound
         k = int(np.count_nonzero(sizes <= bound))
         if not k:
             break
-        turned = across[::-1].T
+        turned = np.linalg.svd(rest)[2][::-1].T
         if not zeros:
             null = turned[:, :k]
         rest, zeros = (turned.T @ rest @ turned)[k:, k:], zeros + k
