@@ -451,6 +451,43 @@ def test_new_writes_an_experiment_for_a_diagram_and_its_records(folder: Path) ->
         assert f"[{code}]" in call("new", *given).stderr, given
 
 
+HEATED = """model: heated
+components:
+  heater: {is: HeatSource, u: 0 W}
+  oil:    {is: HeatCapacity, m: 40 kg, c: 1900 J/(kg*K)}
+  film:   {is: ThermalResistance, R: 0.02 K/W}
+  air:    {is: Ambient, T_0: 22 degC}
+nodes:
+  oil: [heater.a, oil.a, film.a]
+  air: [film.b, air.a]
+simulate: {until: 10 s}
+"""
+
+
+def test_new_takes_clock_times_by_their_look_and_lists_what_a_column_may_be(folder: Path) -> None:
+    Path("heated.yaml").write_text(HEATED, encoding="utf-8")
+    rows = [f"2026-03-01 08:00:{5 * k:02d};1,5;{20 + k},5" for k in range(12)]
+    Path("log.csv").write_text("Datum;Heizung kW;Tempo\n;kW;°C\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    found = figures("new", "measured.yaml", "--from", "heated.yaml", "log.csv")
+    assert [(c["name"], c["role"]) for c in found["columns"]] == [("Datum", "time"), ("Heizung kW", "input"), ("Tempo", "")]
+    assert "no column was recognised as an output: say under `outputs:` what was measured" in found["remarks"]
+    text = Path("measured.yaml").read_text(encoding="utf-8")
+    assert "#   oil.T: {column: Tempo, unit: degC}   # or air.T" in text
+    Path("measured.yaml").write_text(text.replace("#   oil.T", "  oil.T"), encoding="utf-8")
+    assert set(load_experiment("measured.yaml").outputs) == {"oil.T"}
+
+
+def test_new_cuts_a_record_at_a_gap_of_an_input(folder: Path) -> None:
+    Path("heated.yaml").write_text(HEATED, encoding="utf-8")
+    rows = [f"{t},{t % 7},{20 + t / 10}" for t in range(60) if not 10 < t < 18]
+    Path("log.csv").write_text("t_s,heater_kW,oil_degC\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    found = figures("new", "measured.yaml", "--from", "heated.yaml", "log.csv")
+    assert [r for r in found["remarks"] if "gap" in r] == [
+        "'heater_kW' of 'log.csv' has a gap: the record is cut to its longest part without one, `from: 18 s` to `to: 59 s`; "
+        "`gaps: bridge` at an input goes across"]
+    assert call("check", "measured.yaml").exit_code == 0
+
+
 # -- tables --------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("width", [74, 100, 120])
 def test_lines_of_a_table_are_broken_between_words(width: int, monkeypatch: pytest.MonkeyPatch,

@@ -404,6 +404,17 @@ def test_a_late_channel_is_told(tmp_path: Path, by: int) -> None:
     assert other is not None and not other.noticeable
 
 
+def test_a_late_channel_that_is_offset_too_is_not_late_alone(tmp_path: Path) -> None:
+    """An offset as large as what the delay does is not little, although the delay is found beside a free offset."""
+    columns = late_record(30)
+    columns["x"] = columns["x"] + 50 * X_NOISE
+    found = compare(experiment(tmp_path, columns))
+    late = found.records["one"].channels["load.x"].late
+    assert late is not None and late.seconds == pytest.approx(0.03, abs=4 * late.deviation)
+    assert not late.explains(X_NOISE) and "load.x looks late" not in notes(found)
+    assert "nearer if shifted in time: load.x late by 30" in notes(found)
+
+
 def test_a_declared_shift_is_applied(tmp_path: Path) -> None:
     columns = late_record(30)
     before = compare(experiment(tmp_path, columns)).records["one"].channels["load.x"]

@@ -67,10 +67,12 @@ def test_delay_beside_gain_and_offset(gain: float, offset: float) -> None:
 
     y = offset + gain * motion(T - 0.037) + 0.05 * NOISE
     found = lateness(T, y, T, motion(T))
-    assert found is not None and found.explains(0.05)
+    assert found is not None and found.noticeable
+    assert found.explains(0.05) is (offset == 0)  # beside an offset of 5 the delay is not all that is wrong
     assert found.seconds == pytest.approx(0.037, abs=4 * found.deviation)
     # the least that any unbiased estimate can have: noise / (rms of the slope sqrt(n))
     slope = gain * np.sqrt(np.mean(np.gradient(motion(T), T) ** 2))
+    assert found.share == pytest.approx(1 / (1 + (0.05 / (0.037 * slope)) ** 2), abs=0.05)  # of what gain and offset leave
     assert found.deviation == pytest.approx(0.05 / slope / np.sqrt(len(T)), rel=0.6)  # 16 blocks: 18 % by chance, 3 sigma
 
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from heavebond.core.errors import DataError, HeavebondError, Problem
+from heavebond.core.errors import DataError, HeavebondError, Problem, listing
 from heavebond.core.presentation import number
 from heavebond.core.units import Unit, UnitProblem, as_meant, dimension_text, parse_quantity, read_unit
 from heavebond.equations.parameters import declared
@@ -23,7 +23,7 @@ from heavebond.estimation.diagram_files import extended_from
 from heavebond.language.definition import Value
 from heavebond.language.model import Model
 from heavebond.numerics.dae import Array, Assembly, assemble
-from heavebond.records.measurements import Table, read_table, timed
+from heavebond.records.measurements import BRIDGED, Table, gaps, read_table, timed
 from heavebond.text.expression import Number
 
 # words and letters for a quantity, which say nothing of the place where it was measured
@@ -102,7 +102,11 @@ def propose(table: Table, assembly: Assembly) -> Proposal:
         remarks.append("no input of this diagram can be driven by a record: that needs a signal input that is given a value "
                        "and has no wire")
     elif not any(c.role == "input" for c in columns):
-        remarks.append("no column was recognised that drives the diagram: choose one where an input was measured")
+        able_inputs = listing([t.name for t in inputs], 3)
+        remarks.append("no column was recognised that drives the diagram: say under `inputs:` where an input was measured "
+                       f"({able_inputs})")
+    if not any(c.role == "output" for c in columns):
+        remarks.append("no column was recognised as an output: say under `outputs:` what was measured")
     return Proposal(tuple(columns), {t.name: (t.unit.text, t.doc) for t in inputs},
                     {t.name: (t.unit.text, t.doc) for t in (*outputs, *signals)}, tuple(remarks))
 
@@ -138,15 +142,27 @@ def _sketch(values: Array) -> tuple[float, ...]:
 
 # -- what a column may be ------------------------------------------------------------------------------------------------
 def _time_column(table: Table) -> str:
-    """The column of times: the first that is called so, else the first whose values increase."""
+    """The column of times: the first that is called so, else the first of clock times, else the first of numbers, whose
+    values increase."""
     able = [name for name in table.header if name in table.columns or name in table.words or name in table.clocks]
     called = [name for name in able if _words(name) & TIMES and (name not in table.columns or _rises(table.columns[name]))]
     rising = [name for name in able if name in table.columns and _rises(table.columns[name])]
-    found = next(iter([*called, *rising]), None)
+    found = next(iter(called), None) or next((name for name in able if _is_clock(table, name)), None) or \
+        next(iter(rising), None)
     if found is None:
         raise DataError([Problem("record-no-time", f"no column of '{table.path.name}' is a time: none increases from row to "
                                  "row", None, "A record has one column of times, and one row for each instant.")])
     return found
+
+
+def _is_clock(table: Table, name: str) -> bool:
+    """Whether a column holds dates or times of day that increase, in whatever language it is headed."""
+    if name in table.columns:
+        return False
+    try:
+        return _rises(timed(table, name).columns[name])
+    except DataError:
+        return False
 
 
 def _rises(values: Array) -> bool:
@@ -262,21 +278,88 @@ def _likeness(name: str, unit: tuple[str, Unit, bool] | None, target: _Target) -
 # -- the experiment ------------------------------------------------------------------------------------------------------
 def proposed_text(path: Path, model: Model, files: Sequence[Path]) -> tuple[str, Proposal]:
     """The text of an experiment at `path` for a diagram and its records, as the first of them proposes it, and the proposal.
-    That record is fitted, the others validate. The numbers of the diagram that may be free stand in the text as comments.
+    That record is fitted, the others validate. The numbers of the diagram that may be free stand in the text as comments,
+    and so do columns that were not recognised, with the signals that they may be by their units. A record in which an input
+    has a gap is cut to its longest part without one.
 
-    HeavebondError where no column is a time, or none is recognised as an output.
+    HeavebondError where no column is a time, or none can be an output.
     """
     assembly = assemble(model)
     found = propose(read_table(files[0]), assembly)
     chosen = [Chosen(c.name, c.role, c.unit, c.target, c.interpolation or "linear") for c in found.columns if c.role]
     uses = {file: "validate" if k else "fit" for k, file in enumerate(files)}
-    text = experiment_text(path.stem, path, Records(model.path, uses, chosen))
+    parts = {file: part for file in files if (part := _without_gaps(read_table(file), chosen)) is not None}
+    found = replace(found, remarks=(*found.remarks, *(part.words(file.name) for file, part in parts.items())))
+    text = experiment_text(path.stem, path, Records(model.path, uses, chosen, parts=parts), _unrecognised(found))
     able = [f"#   {name}: {range_around(bound.value.text, TOLERANCE)}" for name, bound, _ in declared(assembly.flat.expanded)
             if name in assembly.parameter_values and bound.place.file == str(model.path) and isinstance(bound.value, Value)
             and isinstance(bound.value.expr, Number) and not bound.value.formula and bound.value.expr.value]
     if able:
         text += "\n".join(["# free:      # remove the # of what the data sheet leaves open, and say how far", *able]) + "\n"
     return text, found
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a record, as its file writes the times and their unit, that ends where inputs (`columns`) have a gap."""
+
+    first: str
+    last: str
+    columns: tuple[str, ...]
+
+    def words(self, file: str) -> str:
+        """What was left out, and what to write in place of it."""
+        inputs = listing([f"'{name}'" for name in self.columns])
+        have = "has" if len(self.columns) == 1 else "have"
+        return f"{inputs} of '{file}' {have} a gap: the record is cut to its longest part without one, " \
+            f"`from: {self.first}` to `to: {self.last}`; `gaps: bridge` at an input goes across"
+
+
+def _without_gaps(table: Table, chosen: Sequence[Chosen]) -> Part | None:
+    """The longest part of a record in which no input has a gap of more samples than are bridged without a word; None where
+    there is no gap, or where the columns of the record are others."""
+    time = next((c for c in chosen if c.role == "time"), None)
+    inputs = [c.column for c in chosen if c.role == "input" and c.column in table.columns]
+    if time is None or time.column not in table.header:
+        return None
+    try:
+        times = timed(table, time.column).columns[time.column]
+    except (DataError, KeyError):
+        return None  # `check` says why
+    holes: dict[tuple[float, float], None] = {}
+    columns = []
+    for name in inputs:
+        own = times[np.isfinite(table.columns[name]) & np.isfinite(times)]
+        for k in gaps(own, BRIDGED).tolist():
+            holes[float(own[k]), float(own[k + 1])] = None
+            columns.append(name)
+    if not holes:
+        return None
+    finite = times[np.isfinite(times)]
+    begins = [float(finite[0]), *(end for _, end in sorted(holes))]
+    ends = [*(begin for begin, _ in sorted(holes)), float(finite[-1])]
+    first, last = max(zip(begins, ends, strict=True), key=lambda part: part[1] - part[0])
+    return Part(f"{first:.9g} {time.unit}", f"{last:.9g} {time.unit}", tuple(dict.fromkeys(columns)))
+
+
+def _unrecognised(found: Proposal) -> list[str]:
+    """A line for each column that was not recognised and whose unit some outputs have, with the first of these that no
+    other column is and the others behind it."""
+    taken = {c.target for c in found.columns}
+    lines = []
+    for column in found.columns:
+        if column.role or not column.unit_known:
+            continue
+        unit = read_unit(column.unit)
+        able = [name for name, (text, _) in found.outputs.items() if name not in taken and name.count(".") <= 1
+                and as_meant(unit, read_unit(text)).dimension == read_unit(text).dimension]
+        if able:
+            name, line = _output(Chosen(column.name, "output", as_meant(unit, read_unit(found.outputs[able[0]][0])).text,
+                                        able[0]))
+            taken.add(able[0])
+            more = f"   # or {listing(able[1:], 4)}" if able[1:] else ""
+            lines.append(f"#   {name}: {line}{more}")
+    return lines
 
 
 @dataclass(frozen=True)
@@ -292,30 +375,37 @@ class Chosen:
 
 @dataclass(frozen=True)
 class Records:
-    """What an experiment is to say: its diagram, files with their uses, columns and ranges of free parameters."""
+    """What an experiment is to say: its diagram, files with their uses, columns and ranges of free parameters, and the parts
+    of files that are cut."""
 
     model: Path
     files: Mapping[Path, str]
     columns: Sequence[Chosen]
     free: Mapping[str, str] = field(default_factory=dict)
+    parts: Mapping[Path, Part] = field(default_factory=dict)
 
 
-def experiment_text(name: str, path: Path, given: Records) -> str:
-    """The text of an experiment at `path`; HeavebondError where no column is a time or an output."""
+def experiment_text(name: str, path: Path, given: Records, unrecognised: Sequence[str] = ()) -> str:
+    """The text of an experiment at `path`, with the lines of outputs that may be meant (`unrecognised`) as comments;
+    HeavebondError where no column is a time or can be an output."""
     time = next((c for c in given.columns if c.role == "time"), None)
     inputs = {c.target: f"{{column: {quoted(c.column)}, unit: {quoted(c.unit)}, interpolation: {c.interpolation}}}"
               for c in given.columns if c.role == "input"}
     outputs = dict(_output(c) for c in given.columns if c.role == "output")
-    if time is None or not outputs:
+    if time is None or not (outputs or unrecognised):
         raise HeavebondError([Problem("record-roles", "no column is the time" if time is None else "no column is an output",
                                       None, "An experiment needs a column of times and at least one measured output.")])
     folder, records = path.resolve().parent, dict[str, str]()
     for file, use in given.files.items():
         inside = file.resolve().relative_to(folder) if file.resolve().is_relative_to(folder) else file.resolve()
-        records[_free_name(file.stem, records)] = f"{{file: {quoted(inside.as_posix())}, use: {use}}}"
+        part = given.parts.get(file)
+        cut = f", from: {part.first}, to: {part.last}" if part is not None else ""
+        records[_free_name(file.stem, records)] = f"{{file: {quoted(inside.as_posix())}, use: {use}{cut}}}"
+    unsure = ["# not recognised: remove the # of what was measured, and say what it is", *unrecognised]
     lines = [f"experiment: {quoted(name)}", f"model: {quoted(extended_from(path, given.model))}",
              *block("records", records), f"time: {{column: {quoted(time.column)}, unit: {quoted(time.unit)}}}",
-             *block("inputs", inputs), *block("outputs", outputs),
+             *block("inputs", inputs), *(block("outputs", outputs) or ["outputs:"]),
+             *(unsure if unrecognised else []),
              *block("free", {k: text if _RANGE.fullmatch(text) else quoted(text) for k, text in given.free.items()})]
     return "\n".join(lines) + "\n"
 

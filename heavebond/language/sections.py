@@ -77,7 +77,8 @@ def read_settings(node: Node | None, source: Source, problems: Problems) -> dict
 
 
 def read_initial(node: Node | None, base: Initial, problems: Problems) -> Initial:
-    entries = reading.mapping(node, "initial", problems)
+    way = node.text if isinstance(node, Scalar) else ""
+    entries = reading.mapping(node, "initial", problems, f"Write `initial: {{start: {way}}}`." if way in STARTS else "")
     if entries is None:
         return base
     mode, conditions, solve = base.mode, dict(base.conditions), dict(base.solve)

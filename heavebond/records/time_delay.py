@@ -23,12 +23,14 @@ EXPLAINS = 0.02  # of the squared error
 @dataclass(frozen=True)
 class TimeDelay:
     """seconds: by how much the channel comes later than the model; deviation: its standard error; share: the part of the
-    squared error that is gone when the model is taken so much later; rest: the rms error left then, in the channel's unit
-    (gain and offset free in both); interval: the channel's median sample interval, s."""
+    squared error that is gone when the model is taken so much later, gain and offset free; before, rest: the rms error
+    without and with the delay, gain and offset as they are, in the channel's unit; interval: the channel's median sample
+    interval, s."""
 
     seconds: float
     deviation: float
     share: float
+    before: float
     rest: float
     interval: float
 
@@ -39,7 +41,7 @@ class TimeDelay:
 
     def explains(self, noise: float) -> bool:
         """Whether a delay is nearly all that is wrong: what it leaves is near the noise, or a twentieth of the squares."""
-        return self.noticeable and (self.rest < 1.5 * noise or self.share > 0.95)
+        return self.noticeable and (self.rest < 1.5 * noise or self.rest**2 < 0.05 * self.before**2)
 
 
 def lateness(time: Array, measured: Array, grid: Array, model: Array) -> TimeDelay | None:
@@ -72,9 +74,8 @@ def lateness(time: Array, measured: Array, grid: Array, model: Array) -> TimeDel
         if abs(delay) > min(2 * scale, span / 4):
             return None
         if abs(step) < 1e-3 * found[1] + 1e-9 * scale:
-            before = _rest(time, measured, curve, 0.0, delay)
-            after = _rest(time, measured, curve, delay, delay)
-            return TimeDelay(delay, found[1], 1 - (after / before) ** 2 if before else 0.0, after,
+            (before, fitted), (rest, left) = (_rests(time, measured, curve, at, delay) for at in (0.0, delay))
+            return TimeDelay(delay, found[1], 1 - (left / fitted) ** 2 if fitted else 0.0, before, rest,
                              float(np.median(np.diff(time))))
     return None
 
@@ -114,10 +115,10 @@ def _regression(time: Array, measured: Array, curve: PPoly, slope: PPoly, delay:
     return found, float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((parts - np.mean(parts)) ** 2)))
 
 
-def _rest(time: Array, measured: Array, curve: PPoly, delay: float, other: float) -> float:
-    """The rms error that offset and gain leave at a delay, over the samples that both delays reach."""
+def _rests(time: Array, measured: Array, curve: PPoly, delay: float, other: float) -> tuple[float, float]:
+    """The rms error at a delay, over the samples that both delays reach: with offset and gain as they are, and fitted."""
     inside = _inside(time, curve, delay, other)
-    columns = np.column_stack([np.ones(int(inside.sum())), curve(time[inside] - delay)])
-    y = measured[inside]
+    y, model = measured[inside], curve(time[inside] - delay)
+    columns = np.column_stack([np.ones(len(model)), model])
     left = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
-    return float(np.sqrt(np.mean(left**2)))
+    return float(np.sqrt(np.mean((y - model) ** 2))), float(np.sqrt(np.mean(left**2)))
