@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 from test_linearisation import FREE, OSCILLATOR
 
 import heavebond as hb
 from heavebond.linear.linearisation import Linear, Linearisation
 from heavebond.linear.operating_point import OperatingPoints
-from heavebond.linear.stability import Stability, eigenvalues, stability
+from heavebond.linear.stability import Stability, eigenvalues, stability, strong_blocks
 from heavebond.numerics.dae import Array
 
 FREE_WITH_VALVE = FREE.replace("spring: {is: Spring, c: 300 N/m}", "spring: {is: SpringDamper, c: 300 N/m, d: 40 kN*s/m}")
@@ -123,3 +125,16 @@ def test_a_multiple_real_eigenvalue_is_no_pair(multiplicity: int) -> None:
 def test_a_pair_with_strong_damping_stays_a_pair() -> None:
     found = eigenvalues(np.array([[-1.0, 0.005], [-0.005, -1.0]]))
     assert sorted(found.imag) == pytest.approx([-0.005, 0.005])
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.05, 0.3, 1.0])
+def test_blocks_are_the_strongly_connected_groups(share: float) -> None:
+    """Beside SciPy's search through the graph; a chain has a block for each state, a circle one for all."""
+    random = np.random.default_rng(0)
+    for n in (1, 2, 5, 64, 65):
+        a = (random.random((n, n)) < share).astype(float)
+        _, label = connected_components(csr_matrix(a), connection="strong")
+        firsts = [list(label).index(group) for group in dict.fromkeys(label.tolist())]
+        assert strong_blocks(a) == [np.flatnonzero(label == label[k]).tolist() for k in firsts]
+        assert len(strong_blocks(np.eye(n, k=1))) == n
+        assert len(strong_blocks(np.roll(np.eye(n), 1, axis=0))) == 1

@@ -167,15 +167,13 @@ def stability(a: Array, sizes: Array, states: Sequence[str], rigid: Sequence[boo
 
 def strong_blocks(a: Array) -> list[list[int]]:
     """The strongly connected groups of states of a matrix, in the order of their first state."""
-    from scipy.sparse import csr_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    if not len(a):
-        return []
-    _, label = connected_components(csr_matrix(a != 0), connection="strong")
+    reached = np.logical_or(a != 0, np.eye(len(a), dtype=bool))  # over one step at most, then over 2, 4, 8, ...
+    for _ in range(len(a).bit_length()):
+        steps = reached.astype(np.float32)
+        reached = steps @ steps > 0
     groups: dict[int, list[int]] = {}
-    for k, group in enumerate(label.tolist()):
-        groups.setdefault(group, []).append(k)
+    for k, first in enumerate((reached & reached.T).argmax(axis=1).tolist() if len(a) else ()):
+        groups.setdefault(first, []).append(k)
     return list(groups.values())
 
 
@@ -206,7 +204,9 @@ def real_within_rounding(values: Complex | Array, right: Array | Complex, left: 
     tell from a multiple real eigenvalue is real. Rounding splits a real one of multiplicity m without as many vectors into m
     numbers on a circle, of a radius that grows as the m-th root of the rounding."""
     found = values.astype(complex)
-    near = np.abs(found.imag) <= np.minimum(_accuracy(right, left, a), STABILITY.multiple * np.abs(found.real))
+    near = np.abs(found.imag) <= STABILITY.multiple * np.abs(found.real)
+    if np.any(near & (found.imag != 0)):
+        near &= np.abs(found.imag) <= _accuracy(right, left, a)
     return np.where(near, found.real, found)
 
 
