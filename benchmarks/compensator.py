@@ -17,7 +17,8 @@ from benchmarks.measuring import PAIRS, SETTLE, Figure, at_most, paired, process
 from heavebond.numerics.dae import Array
 from heavebond.numerics.machine_code import compiler
 from heavebond.optimise.adjoint import Adjoint
-from heavebond.optimise.costs import Evaluator, read_cost
+from heavebond.optimise.cost_evaluation import Evaluator
+from heavebond.optimise.costs import read_cost
 from heavebond.optimise.objective import TOLERANCES
 from heavebond.optimise.tuning import tune
 from heavebond.studies.study import load_study

@@ -14,7 +14,8 @@ from heavebond.language.model import loads
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.optimise.adjoint import Adjoint
-from heavebond.optimise.costs import Evaluator, read_cost
+from heavebond.optimise.cost_evaluation import Evaluator
+from heavebond.optimise.costs import read_cost
 from heavebond.optimise.objective import Objective, TuningProblem, ranges
 from heavebond.optimise.tuning import tune
 

@@ -20,7 +20,8 @@ import heavebond as hb
 from heavebond.numerics import machine_code
 from heavebond.numerics.machine_code import COMPILING, worthwhile
 from heavebond.optimise.adjoint import Adjoint
-from heavebond.optimise.costs import Evaluator, read_cost
+from heavebond.optimise.cost_evaluation import Evaluator
+from heavebond.optimise.costs import read_cost
 
 needs_compiler = pytest.mark.skipif(shutil.which("gcc") is None or sys.platform != "linux", reason="no gcc on Linux here")
 

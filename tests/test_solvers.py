@@ -214,7 +214,8 @@ def test_sensitivities_go_through_events_with_cvodes(tmp_path: Path) -> None:
 
 def test_a_run_backwards_asks_for_idas() -> None:
     from heavebond.optimise.adjoint import Adjoint
-    from heavebond.optimise.costs import Evaluator, read_cost
+    from heavebond.optimise.cost_evaluation import Evaluator
+    from heavebond.optimise.costs import read_cost
 
     assembly, study = hb.assemble(hb.load("cmc_ahc")), hb.load_study("cmc_ahc/quality_index")
     evaluator = Evaluator(assembly, [read_cost(assembly, study.tuning.cost)], 72.0, 96.0)

@@ -31,7 +31,7 @@ from heavebond.numerics.machine_code import Evaluated
 from heavebond.numerics.result import Result, columns
 from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.solvers import DEFAULT
-from heavebond.optimise.costs import CostSlopes, Evaluator
+from heavebond.optimise.cost_evaluation import CostSlopes, Evaluator
 
 CHARTS = "adjoint-charts"  # the code of the problem where states change
 

@@ -21,7 +21,8 @@ from heavebond.numerics.output_times import Time, grid, seconds
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.optimise.adjoint import CHARTS, Adjoint
-from heavebond.optimise.costs import Cost, Evaluator, read_cost, read_limit
+from heavebond.optimise.cost_evaluation import Evaluator
+from heavebond.optimise.costs import Cost, read_cost, read_limit
 from heavebond.optimise.sampled_values import SAMPLED
 
 # The quality index of the reference runs is seen to about 1e-6 at these; tighter only costs time.

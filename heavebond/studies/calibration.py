@@ -31,7 +31,8 @@ from heavebond.estimation.change import block
 from heavebond.estimation.diagram_files import extended_from
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.simulator import Simulator
-from heavebond.optimise.costs import Evaluator, read_cost
+from heavebond.optimise.cost_evaluation import Evaluator
+from heavebond.optimise.costs import read_cost
 from heavebond.optimise.objective import TOLERANCES, Objective
 from heavebond.optimise.search import search
 from heavebond.studies.run_case import assembled, own_values, tuned_by

@@ -25,7 +25,8 @@ from heavebond.numerics.dae import Assembly, assemble
 from heavebond.numerics.result import Result, unknown_signal
 from heavebond.numerics.run_verdict import Verdict
 from heavebond.numerics.simulator import Simulator
-from heavebond.optimise.costs import FUNCTIONALS, Cost, Evaluator, read_cost, read_limit
+from heavebond.optimise.cost_evaluation import Evaluator
+from heavebond.optimise.costs import FUNCTIONALS, Cost, read_cost, read_limit
 from heavebond.optimise.objective import Objective, check_free, check_smooth
 from heavebond.optimise.tuning import Tuned, sweep_in_turn, tune
 from heavebond.studies.axes import StudyCase, case_at, changed

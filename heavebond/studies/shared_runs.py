@@ -35,7 +35,8 @@ from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.output_times import grid
 from heavebond.numerics.quick_simulation import CaseSimulator
 from heavebond.numerics.result import Result
-from heavebond.optimise.costs import Evaluator, read_cost
+from heavebond.optimise.cost_evaluation import Evaluator
+from heavebond.optimise.costs import read_cost
 from heavebond.studies.axes import Level, StudyCase, changed
 from heavebond.studies.study import Study
 from heavebond.text.expression import Number
