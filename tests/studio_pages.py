@@ -47,7 +47,6 @@ class Server:
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    pytest.importorskip("starlette", reason="the studio needs its extra")
     if browser.browser() is None:
         pytest.skip("no browser is installed")
     found = Server(tmp_path_factory.mktemp("folder"))

@@ -10,6 +10,7 @@ import browser
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 
 import heavebond as hb
 from heavebond.cli import main
@@ -120,9 +121,8 @@ def test_a_variant_takes_the_view_over_and_replaces_by_name(tmp_path: Path) -> N
 
 
 def test_gif_holds_the_run(motion: Motion, tmp_path: Path) -> None:
-    image = pytest.importorskip("PIL.Image")
     path = save_animation(motion, tmp_path / "swing.gif", speed=0.5)
-    with image.open(path) as film:
+    with Image.open(path) as film:
         assert film.n_frames == 24  # 2 s at 12 a second
         film.seek(0)
         first = np.asarray(film.convert("RGB"), float)

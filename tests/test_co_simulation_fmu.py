@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import fmpy
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -16,8 +17,6 @@ from test_export import DRIVEN, LOOP, compiled
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.exchange.fmu_export import export_fmu
-
-fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
 
 pytestmark = compiled
 

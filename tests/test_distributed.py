@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import distributed
 import numpy as np
 import pytest
 
@@ -28,7 +29,6 @@ from heavebond.diagnosis.scoring import Score
 from heavebond.diagnosis.stage import fitted_base
 from heavebond.estimation.experiment import load_experiment
 
-distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are killed otherwise here")
 RIG = "receiver_rig/choked"
 CHOSEN = ("PneumaticValve in inlet (b_cr)", "SensorGain in the channel receiver.p")

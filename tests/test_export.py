@@ -10,9 +10,12 @@ import zipfile
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
+import fmpy
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from fmpy.fmi3 import FMU3Model
+from fmpy.validation import validate_fmu
 
 import heavebond as hb
 from heavebond.cli import main
@@ -181,9 +184,6 @@ def test_measured_inputs_become_inputs(tmp_path: Path) -> None:
 @compiled
 @pytest.mark.parametrize("name", ["passive_rig", "cmc_ahc", "LOOP"])
 def test_fmpy_simulates_an_fmu_to_the_same_result(name: str, tmp_path: Path) -> None:
-    fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
-    from fmpy.validation import validate_fmu
-
     model = hb.loads(LOOP) if name == "LOOP" else hb.load(name)
     path = tmp_path / "m.fmu"
     export_fmu(model, path)
@@ -201,7 +201,6 @@ def test_fmpy_simulates_an_fmu_to_the_same_result(name: str, tmp_path: Path) -> 
 
 @compiled
 def test_parameters_inputs_and_units_of_an_fmu(tmp_path: Path) -> None:
-    fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
     model, path = hb.loads(DRIVEN), tmp_path / "driven.fmu"
     export_fmu(model, path, ["deck.u", "push.u"])
     known = {v.name: v for v in fmpy.read_model_description(str(path)).modelVariables}
@@ -228,9 +227,6 @@ def test_parameters_inputs_and_units_of_an_fmu(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("name", "given"), [("LOOP", "first.q_r"), ("DRIVEN", "deck.u"), ("cmc_ahc", "crown.m")])
 def test_the_directional_derivatives_of_an_fmu_are_exact(name: str, given: str, tmp_path: Path) -> None:
     """By states they are the matrices of the linearised machine; by an input or a parameter what differences say."""
-    fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
-    from fmpy.fmi3 import FMU3Model
-
     model = hb.loads({"LOOP": LOOP, "DRIVEN": DRIVEN}[name]) if name.isupper() else hb.load(name)
     made = export_fmu(model, tmp_path / "m.fmu", [given] if given.endswith(".u") else [])
     told = fmpy.read_model_description(str(tmp_path / "m.fmu"))

@@ -16,7 +16,6 @@ import heavebond as hb
 from heavebond.cli import main
 from heavebond.exchange.fmu_export import export_fmu, platform_of
 
-pytest.importorskip("fmpy", reason="FMPy is not installed")
 COMPILER = next((found for name in ("cc", "gcc", "clang") if (found := shutil.which(name))), None)
 compiled = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler here")
 SOURCE = Path(__file__).parent / "fmu" / "controller.c"

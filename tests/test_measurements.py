@@ -3,8 +3,11 @@
 import sys
 from pathlib import Path
 
+import h5py
 import numpy as np
+import pandas as pd
 import pytest
+from scipy.io import savemat
 
 from heavebond.core.errors import DataError, HeavebondError, Place, UsageError
 from heavebond.records.measurements import Table, check_gaps, check_time, column, gaps, read_table, samples
@@ -256,8 +259,6 @@ def test_cut_keeps_line_numbers(tmp_path: Path) -> None:
 
 
 def test_parquet(tmp_path: Path) -> None:
-    pd = pytest.importorskip("pandas")
-    pytest.importorskip("pyarrow")
     path = tmp_path / "train.parquet"
     holed = pd.array([1, None, 3], dtype="Int64")
     frame = pd.DataFrame({"t": [0.0, 1.0, 2.0], "n": holed, "who": ["a", "b", "c"]})
@@ -273,8 +274,6 @@ def test_parquet(tmp_path: Path) -> None:
 
 
 def test_parquet_without_its_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pd = pytest.importorskip("pandas")
-
     def absent(_: Path) -> None:
         raise ImportError("Unable to find a usable engine")
 
@@ -285,7 +284,6 @@ def test_parquet_without_its_library(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 # -- MAT files -----------------------------------------------------------------------------------------------------
 def mat(path: Path, content: dict[str, object], version: str = "5") -> Path:
-    savemat = pytest.importorskip("scipy.io").savemat
     savemat(path, content, format=version, do_compression=version == "5")
     return path
 
@@ -351,7 +349,6 @@ def test_mat_that_cannot_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_mat_of_version_7_3(tmp_path: Path) -> None:
-    h5py = pytest.importorskip("h5py")
     path = tmp_path / "train.mat"
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, values, kind in (("t", np.arange(4.0)[None, :], "double"), ("log/z", np.arange(4)[None, :], "int32"),

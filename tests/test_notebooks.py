@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import ClassVar
 from xml.etree import ElementTree
 
+import nbclient
 import nbformat
 import pytest
 
@@ -57,8 +58,6 @@ def test_the_code_of_a_notebook_runs_as_plain_python(path: Path, tmp_path: Path,
 
 @pytest.mark.parametrize("path", NOTEBOOKS[1:], ids=lambda path: path.stem)
 def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    nbclient = pytest.importorskip("nbclient", reason="nbclient is not installed")
-    pytest.importorskip("ipykernel", reason="there is no kernel for Python")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
     notebook = nbformat.read(path, as_version=4)
     nbclient.NotebookClient(notebook, timeout=PATIENCE, resources={"metadata": {"path": str(tmp_path)}}).execute()
@@ -180,7 +179,6 @@ def test_outside_notebooks_and_without_tqdm_there_is_no_bar(monkeypatch: pytest.
 
 
 def test_a_bar_of_tqdm(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("tqdm")
     monkeypatch.setattr(core_reporting, "in_notebook", lambda: True)
     bar = core_reporting.make_bar("fit")
     assert bar is not None

@@ -9,15 +9,15 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from hatchling.builders.wheel import WheelBuilder
 
 ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    builders = pytest.importorskip("hatchling.builders.wheel", reason="hatchling builds the wheel")
     folder = tmp_path_factory.mktemp("wheel")
-    return Path(next(builders.WheelBuilder(str(ROOT)).build(directory=str(folder), versions=["standard"])))
+    return Path(next(WheelBuilder(str(ROOT)).build(directory=str(folder), versions=["standard"])))
 
 
 def test_nothing_lands_beside_the_package(wheel: Path) -> None:

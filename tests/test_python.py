@@ -124,7 +124,6 @@ def test_tables_carry_units(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_dataset_carries_units() -> None:
-    pytest.importorskip("xarray")
     data = hb.simulate(hb.loads(TRAP)).to_xarray(["error"])
     assert data["error"].attrs["units"] == "mm" and data["time"].attrs["units"] == "s" and data["error"].dims == ("time",)
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.io import savemat
 from scipy.signal import lfilter
 
 import heavebond as hb
@@ -205,7 +206,6 @@ def test_channels_from_other_files_with_their_own_time(tmp_path: Path) -> None:
 
 
 def test_a_record_from_matlab_with_two_rates(tmp_path: Path) -> None:
-    savemat = pytest.importorskip("scipy.io").savemat
     columns = record()
     savemat(tmp_path / "one.mat", {"t": columns["t"][:, None], "u": columns["u"], "log": {"x": columns["x"]},
                                    "ms": 1000 * columns["t"][::5], "F": columns["F"][::5], "note": "dry run"})

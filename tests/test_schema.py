@@ -6,6 +6,7 @@ import json
 import re
 from pathlib import Path
 
+import jsonschema
 import pytest
 import yaml
 from click.testing import CliRunner
@@ -23,7 +24,6 @@ from heavebond.language import effects, library, model
 from heavebond.language.renamed_keys import RENAMED
 from heavebond.studies import study
 
-jsonschema = pytest.importorskip("jsonschema", reason="jsonschema is not installed")
 ROOT = Path(__file__).parent.parent
 WRONG = Path(__file__).parent / "wrong"
 # the library's list of domains and the notes beside records are no files of the language

@@ -12,6 +12,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import distributed
 import numpy as np
 import pandas as pd
 import pytest
@@ -328,7 +329,6 @@ def test_pictures_of_samples(folder: Path, kind: str, pictures: set[str]) -> Non
     (("--over", "f=1 Hz", "--scheduler", "tcp://127.0.0.1:9"), "scheduler-silent")])
 def test_wrong_sweeps_are_refused(folder: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], code: str
                                   ) -> None:
-    pytest.importorskip("distributed")
     monkeypatch.setattr("heavebond.core.cluster.PATIENCE", 0.5)
     exit_code, told = _called("sweep", "isolator.yaml", "--measure", "largest(motion)", *options)
     assert (exit_code != 0, code in [p["code"] for p in told["problems"]]) == (True, True)
@@ -389,7 +389,6 @@ def test_a_process_that_dies_costs_its_case_only(folder: Path, monkeypatch: pyte
 
 
 def test_a_worker_of_a_cluster_that_is_killed_costs_its_task_only(folder: Path) -> None:
-    distributed = pytest.importorskip("distributed")
     from heavebond.core.cluster import Cluster
 
     study = _study(SAMPLE.replace("latin_hypercube: 6", "latin_hypercube: 24"))
@@ -417,7 +416,6 @@ def _until_the_end() -> None:
 
 
 def test_a_cluster_whose_workers_are_busy_is_told_from_one_without_the_program(monkeypatch: pytest.MonkeyPatch) -> None:
-    distributed = pytest.importorskip("distributed")
     from heavebond.core.cluster import Cluster
 
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as local, \
@@ -436,7 +434,6 @@ def test_a_cluster_whose_workers_are_busy_is_told_from_one_without_the_program(m
 
 
 def test_a_cluster_that_loses_all_of_its_workers_is_not_waited_for(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    distributed = pytest.importorskip("distributed")
     from heavebond.core.cluster import Cluster
 
     monkeypatch.setattr("heavebond.core.parallel.LISTEN", 0.2)
