@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.stats import qmc
 
 import heavebond as hb
 from heavebond.cli import main
@@ -136,6 +137,14 @@ def test_several_starts_reach_the_same_optimum(tmp_path: Path) -> None:
     assert found.chi2 == pytest.approx(1.0, abs=0.3)
     held_out = found.after.records["one"].validate
     assert held_out is not None and held_out.chi2 == pytest.approx(1.0, abs=0.43)
+
+
+def test_starting_points_are_those_of_a_latin_hypercube() -> None:
+    problem = Residuals(load_experiment("passive_rig/friction"))
+    first, *others = problem.starting_points(9, seed=4)
+    assert first == pytest.approx(problem.start)
+    drawn = qmc.scale(qmc.LatinHypercube(len(first), seed=4).random(8), problem.low, problem.high)
+    assert np.array(others) == pytest.approx(drawn, rel=1e-12)
 
 
 def test_a_fit_leaves_a_local_minimum_above_points_of_the_ranges(tmp_path: Path) -> None:

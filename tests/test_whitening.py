@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
+from scipy.signal.windows import dpss
 
 from heavebond.localise.regressors import _rate_of_cubics
 from heavebond.localise.whitening import Whitening
@@ -40,6 +42,8 @@ def test_innovations_are_the_errors_over_the_root_of_their_covariance() -> None:
 def test_the_rate_of_a_cubic_is_exact_up_to_the_ends() -> None:
     t = np.arange(40.0)
     assert _rate_of_cubics(0.01 * t**3 - t**2 + 3, 9) == pytest.approx(0.03 * t**2 - 2 * t, abs=1e-9)
+    noisy = np.random.default_rng(1).standard_normal(40)
+    assert _rate_of_cubics(noisy, 9) == pytest.approx(savgol_filter(noisy, 9, 3, deriv=1), abs=1e-12)
     alternating = _rate_of_cubics((-1.0) ** t, 9)
     assert np.abs(alternating[4:-4]).max() < 0.2  # differences of neighbours would give 2
 
@@ -54,6 +58,7 @@ def test_one_transform_serves_all_filters() -> None:
 def test_the_prolate_window_keeps_to_its_band() -> None:
     """Less than 1e-9 of its energy is above PRODUCT / length (D. Slepian, 1978)."""
     window = _prolate(8 * PER_BAND)
+    assert abs(window @ dpss(len(window), PRODUCT, norm=2)) == pytest.approx(1, abs=1e-12)
     spectrum = np.abs(np.fft.rfft(window, 1 << 16))**2
     outside = np.fft.rfftfreq(1 << 16) > PRODUCT / len(window)
     assert spectrum[outside].sum() < 1e-9 * spectrum.sum()
