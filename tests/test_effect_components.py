@@ -656,7 +656,8 @@ KINDS = {"dry friction", "pressure-dependent friction", "viscous damping", "quad
          "delay", "saturation", "dead band", "rate limit", "unknown law", "mechanical loss",
          "external leakage", "wire taken up", "unbalance", "gas spring", "heat radiation", "natural convection",
          "thermal resistance", "contact resistance", "leakage current", "brush voltage",
-         "flow force", "transient flow force", "eddy currents", "cogging torque"}
+         "flow force", "transient flow force", "eddy currents", "cogging torque",
+         "position-dependent force constant"}
 
 
 def test_kinds_are_called_by_the_same_words() -> None:

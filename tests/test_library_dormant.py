@@ -243,6 +243,38 @@ simulate: {until: 20 ms, every: 1 ms}
     agree(more["der(s.w)"], -0.03*np.sin(200*angle)/1e-5)
 
 
+@checks("VoiceCoil")
+def test_losses_of_a_voice_coil() -> None:
+    # held: R, and L beside 1/G_e, a closed form of the circuit; the force is that of the current of the winding
+    found = run("""
+model: coil
+components:
+  battery: {is: VoltageSource, u: 24 V}
+  ground:  {is: ElectricalGround}
+  frame:   {is: Fixed}
+  slide:   {is: Fixed, x0: 12 mm}
+  part:    {is: VoiceCoil, R: 5 ohm, L: 30 mH, k: 20 N/A, l0: 2 mm, G_e: 0.05 A/V, c_k: 5000 1/m**2}
+nodes:
+  plus:  [battery.a, part.a]
+  minus: [battery.b, part.b, ground.a]
+  frame: [frame.a, part.h]
+  slide: [slide.a, part.s]
+initial: {part.i: 0 A}
+simulate: {until: 20 ms, every: 1 ms}
+""")
+    R, L, G = 5.0, 0.03, 0.05
+    decay = np.exp(-found.time*R/(L*(1 + R*G)))
+    agree(found["part.i"], 24/R*(1 - decay), rtol=1e-6, size=1)
+    winding = 24/R*(1 - decay) + G*24*decay/(1 + R*G)
+    agree(found["part.a.i"], winding, rtol=1e-6)
+    agree(found["part.F"], 20/(1 + 5000*0.01**2)*winding, rtol=1e-6)       # 10 mm from the middle: 2/3 of k
+    data, speed = {"R": "5 ohm", "L": "30 mH", "k": "20 N/A"}, np.array([0.5, 1e-3, -0.2])
+    given: dict[str, ArrayLike] = {"a.v": 24, "b.v": 0, "i": 1, "s.x": 0, "h.x": 0, "s.v": speed + 0.1, "h.v": 0.1}
+    more = added("VoiceCoil", {"d": "8 N*s/m", "F_c": "3 N"}, given, **data)
+    agree(more["s.f"], 8*speed + 3*np.tanh(speed/1e-3))
+    agree(more["h.f"], -more["s.f"])
+
+
 @checks("PrismaticJoint", "RollingWheel")
 def test_friction_of_guides_and_wheels() -> None:
     """A slide on a slope slips down with g (sin - mu cos); a wheel on the level slows down by c_r g/(1 + J/(m r**2))."""

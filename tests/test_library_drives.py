@@ -33,6 +33,16 @@ def coil(t: Array) -> Array:
     return np.asarray(2*(1 - np.exp(-t*6/0.03)))   # 10 mH and a third of 60 mH
 
 
+def linear_motor(t: Array) -> Array:
+    """Current and speed of L*di/dt = u - R*i - k*v, m*dv/dt = k*i - d*v from rest, by eigenvalues."""
+    R, L, k, m, d = 2.0, 1e-3, 15.0, 0.5, 20.0
+    system = np.array([[-R/L, -k/L], [k/m, -d/m]])
+    final = np.linalg.solve(system, [-12/L, 0])
+    values, vectors = np.linalg.eig(system)
+    share = np.linalg.solve(vectors, -final)
+    return np.asarray((final[:, None] + vectors @ (share[:, None]*np.exp(np.outer(values, t)))).real)
+
+
 def muscle(t: Array) -> Array:
     """Chou and Hannaford: p pi D_0**2/4 (3 cos(theta)**2 - 1)/sin(alpha)**2 with the angle of the thread at this length."""
     theta = np.arccos(np.cos(np.radians(25))*(0.3 - 0.1*t)/0.3)
@@ -52,6 +62,8 @@ ELECTRICAL = [
     Case("electrical_switch", "coil.i", lambda t: 3*(1 - np.exp(-np.maximum(t - 0.1, 0)*20)), RUN, 1e-5),
     Case("solenoid", "part.i", coil, RUN, 1e-5),
     Case("solenoid", "part.F", lambda t: coil(t)**2/2*60/9, RUN, 1e-5),
+    Case("voice_coil", "part.i", lambda t: linear_motor(t)[0], RUN),
+    Case("voice_coil", "coil.v", lambda t: linear_motor(t)[1], RUN),
 ]
 PNEUMATIC = [
     Case("controlled_pneumatic_source", "supply.p", lambda t: 3e5 + 1e5*t, LAW),

@@ -97,6 +97,18 @@ def test_motors() -> None:
     agree(found["b.i"], -i)
 
 
+@checks("VoiceCoil")
+def test_a_voice_coil_turns_electrical_power_into_mechanical() -> None:
+    i, v = np.array([-3.0, 0, 2, 10]), np.array([1.0, 0, -0.5, 3])
+    law = part("VoiceCoil", R="2 ohm", L="3 mH", k="15 N/A")
+    found = law({"i": i, "a.v": 30, "b.v": 6, "s.x": 0.3, "h.x": 0.1, "s.v": v, "h.v": 0.4})
+    agree(found["der(i)"], (24 - 2*i - 15*(v - 0.4))/3e-3)
+    agree([found["s.f"], found["h.f"]], [-15*i, 15*i])
+    agree([found["a.i"], found["b.i"]], [i, -i])
+    electrical = 24*i - 2*i**2 - 3e-3*i*found["der(i)"]      # without the loss of the winding and what is stored
+    agree(electrical, -found["s.f"]*v - found["h.f"]*0.4, size=100.0)
+
+
 @checks("CurrentCurveOfVoltage")
 def test_current_curve() -> None:
     coefficients = np.array([3, -1, 4, 1, -5, 9, 2, -6, 5])*0.1

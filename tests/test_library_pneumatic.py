@@ -83,7 +83,7 @@ def test_laminar_line() -> None:
 @checks("SmoothPneumaticLine")
 def test_smooth_line_follows_isothermal_pipe_flow() -> None:
     length, bore, mu = 8.0, 6e-3, 18.2e-6
-    law = part("SmoothPneumaticLine", L="8 m", D="6 mm")
+    law = part("SmoothPneumaticLine", length="8 m", d="6 mm")
     for Re, f in ((500.0, 64/500), (1000, 64/1000), (5e3, 0.3164*5e3**-0.25), (6e4, 0.3164*6e4**-0.25)):
         m = Re*np.pi/4*bore*mu
         # White (9.73) without its logarithm: p_1**2 - p_2**2 = (m/A)**2 R T f L/D
@@ -98,7 +98,7 @@ def test_smooth_line_follows_isothermal_pipe_flow() -> None:
 
 @checks("PneumaticTube")
 def test_tube_is_two_halves_of_a_line_and_its_gas() -> None:
-    law, half = part("PneumaticTube", L="4 m", D="6 mm"), part("SmoothPneumaticLine", L="2 m", D="6 mm")
+    law, half = part("PneumaticTube", length="4 m", d="6 mm"), part("SmoothPneumaticLine", length="2 m", d="6 mm")
     found = law({"a.p": 3*bar, "b.p": 2*bar, "a.T": WARM, "b.T": COLD, "middle.p": 2.6*bar, "middle.T": 300})
     first = half({"a.p": 3*bar, "b.p": 2.6*bar, "a.T": WARM, "b.T": 300})
     second = half({"a.p": 2.6*bar, "b.p": 2*bar, "a.T": 300, "b.T": COLD})

@@ -35,6 +35,16 @@ def test_restrictions() -> None:
     carries("OilLeakage", 1e-12*32e-6/nu*(P_A - P_B)/MEAN, C="1e-12 m**3/(s*Pa)", nu_r="32 mm**2/s")
 
 
+def test_heat_is_conducted_where_nothing_flows() -> None:
+    """By G and c_p*m_t/4 of the transition; in a pump through what it sweeps and through its leakage."""
+    here = {"a.p": 30e5, "a.T": 340.0, "b.p": 30e5, "b.T": 310.0}
+    found = part("OilOrifice", q_r="1e-4 m**3/s", dp_r="10 bar")(here)
+    agree([found["a.m"], found["a.H"]], [0, (1e-3 + 1950*1e-4/4)*30], size=2.0)
+    found = part("OilPump", D="5e-6 m**3/rad", eta_v=0.9, dp_r="200 bar", w_r="150 rad/s", nu_r="32 mm**2/s")(
+        {**here, "s.w": 0})
+    agree([found["a.m"], found["a.H"]], [0, (1e-3 + 1950*1e-4/2)*30], size=3.0)
+
+
 @checks("OilPipe", "OilLine")
 def test_pipes() -> None:
     """Laminar by Hagen and Poiseuille; a line has two halves of the resistance, its oil and its wall between."""
