@@ -132,6 +132,20 @@ def test_a_record_that_cannot_be_read_is_refused_in_words(tab: browser.Tab, serv
     assert tab.run("document.querySelectorAll('#banner img').length") == 0
 
 
+def test_an_experiment_that_estimates_nothing_tells_what_to_write(tab: browser.Tab, server: Server, texts: dict[str, str]
+                                                                  ) -> None:
+    _experiment(server.folder, texts)
+    kept = EXPERIMENT.partition("free:")[0]
+    (server.folder / "as_drawn.yaml").write_text(kept, encoding="utf-8")
+    _opened(tab, server, "as_drawn.yaml")
+    tab.click("#tab-fit")
+    said = tab.wait("document.querySelector('#how-to-free code')?.textContent")
+    assert tab.run("document.querySelector('#begin-fit').disabled")
+    (server.folder / "as_told.yaml").write_text(f"{kept}{said}\n", encoding="utf-8")
+    assert len(load_experiment(server.folder / "as_told.yaml").free) == 1
+    assert tab.complaints == []
+
+
 @pytest.mark.long
 def test_a_diagnosis_whose_server_is_killed_writes_what_it_has_found(tab: browser.Tab, server: Server, texts: dict[str, str]
                                                                     ) -> None:

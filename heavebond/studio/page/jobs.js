@@ -3,7 +3,7 @@
 import { cloud, look, timeChart } from "./charts.js";
 import { byId, el, number } from "./dom.js";
 import { problemList, problemsOf, resultItems } from "./results.js";
-import { tuningForm } from "./tuning.js";
+import { tuningForm, variable } from "./tuning.js";
 
 /** @type {Record<string, {title: string, words: string, button: string, command: string}>} */
 const KINDS = {
@@ -175,7 +175,14 @@ export class Jobs {
       ...(tab === "diagnose" ? [
         el("label", {}, "only effects of class ", el("input", { id: "only", placeholder: "all", value: this.options.classes, title: "such as dry friction; several apart by commas", oninput: (/** @type {any} */ e) => { this.options.classes = e.target.value; } })),
         el("label", {}, "for at most ", el("input", { id: "seconds", class: "short", inputmode: "numeric", value: this.options.seconds, oninput: (/** @type {any} */ e) => { this.options.seconds = e.target.value; } }), " s")] : []),
-      nothing ? el("span", { class: "hint" }, "The experiment has no free: entry.") : null);
+      nothing ? this.howToFree() : null);
+  }
+
+  /** What to type where an experiment estimates no parameter. */
+  howToFree() {
+    const [first] = variable(this.studio.view);
+    return el("span", { class: "hint", id: "how-to-free" }, "No parameter is estimated yet. Write into the experiment which, and within what range: ",
+      el("code", {}, `free: {${first ? `${first.path}: ${first.text}` : "spring.c: 40 kN/m"} +- 20 %}`), ".");
   }
 
   /** @param {any} job */

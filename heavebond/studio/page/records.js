@@ -3,6 +3,7 @@
 import { sketch } from "./charts.js";
 import { busy, byId, el, number } from "./dom.js";
 import { problemList } from "./results.js";
+import { variable } from "./tuning.js";
 
 const ROLES = [["", "not used"], ["time", "time"], ["input", "input"], ["output", "output"]];
 const USES = [["fit", "fitted"], ["validate", "held out (validation)"], ["test", "held out (test)"]];
@@ -146,8 +147,7 @@ export class RecordFiles {
 
   /** The parameters that may be estimated: a tolerance around the values of the diagram. */
   frees() {
-    const { view } = this.studio;
-    const parameters = [...view.parameters, ...Object.entries(view.parts).filter(([path]) => !path.includes(".")).flatMap(([, part]) => part.parameters)].filter((p) => p.slider && p.slider.value && /^[-+.\d]/.test(p.text));
+    const parameters = variable(this.studio.view);
     const fields = parameters.map((p) => {
       const within = el("input", { id: `within-${p.path}`, class: "short", value: "20", inputmode: "decimal", "aria-label": `tolerance of ${p.path} in percent` });
       const box = el("input", { type: "checkbox", id: `free-${p.path}` });

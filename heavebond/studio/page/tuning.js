@@ -2,11 +2,17 @@
 
 import { el, number } from "./dom.js";
 
+/** Parameters with a number of their own that may be changed. @param {any} view @returns {any[]} */
+export function variable(view) {
+  return [...view.parameters, ...Object.entries(view.parts).filter(([path]) => !path.includes(".")).flatMap(([, part]) => part.parameters)]
+    .filter((p) => p.slider && p.slider.value && /^[-+.\d]/.test(p.text));
+}
+
 /** @param {any} studio @param {boolean} running @param {(given: any) => void} begin */
 export function tuningForm(studio, running, begin) {
   const view = studio.view, state = studio.tuningState ??= {};
   const kept = state[studio.document.name] ??= { free: {}, cost: "", limits: "", evaluate: "" };
-  const parameters = [...view.parameters, ...Object.entries(view.parts).filter(([path]) => !path.includes(".")).flatMap(([, part]) => part.parameters)].filter((p) => p.slider && p.slider.value && /^[-+.\d]/.test(p.text));
+  const parameters = variable(view);
   const unit = (/** @type {any} */ s) => s.unit ? ` ${s.unit}` : "";
   const usual = (/** @type {any} */ p) => p.slider.value > 0 ? `0 .. ${number(3 * p.slider.value, 4)}${unit(p.slider)}` : `${number(3 * p.slider.value, 4)} .. 0${unit(p.slider)}`;
   const rows = parameters.map((p) => {
