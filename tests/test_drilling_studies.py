@@ -78,6 +78,9 @@ def test_sentences_on_the_tables() -> None:
     closing = rows("changeover")[:, 2].reshape(2, 8)
     assert (closing[:, :5] > 2.9 * passive).all() and (closing[:, :5] < 4.3 * passive).all()     # within 1 s
     assert (closing[:, 6:] < passive).all()                                                     # 5 s or more
+    at_speed, at_turn = closing[:, 5]
+    assert f"{at_speed:.0f} kN where the valve begins to close at the greatest speed, {at_turn:.0f} kN at the" in \
+        " ".join(PAGE.read_text(encoding="utf-8").split())
     gas = rows("accumulator")[:, 0].reshape(2, 2, 5)
     assert np.ptp(gas[0]) < 0.02
     assert gas[1, 0].argmin() == 2 and (np.diff(gas[1, 1]) < 0).all()
@@ -101,6 +104,21 @@ def test_a_sea_state() -> None:
     told = [float(word) for word in line.split()[-6:]]
     # the seal sticks at other instants on other computers: a few percent of the deviation in 25 minutes
     assert [units[name].from_si(value) for name, value in found.items()] == pytest.approx(told, rel=NEAR)
+
+
+def test_peak_periods_of_the_sea_states() -> None:
+    """T_1 of the two spectra by gamma, as DNV-RP-C205 relates them, and the table of T_p."""
+    study = load_study("cmc_ahc/studies/sea_states")
+    text = PAGE.read_text(encoding="utf-8")
+    for name, case, gamma in (("PM", 0, 1.0), ("JONSWAP", 96, 3.3)):
+        known = assembled(study, study.case(case)).parameter_values
+        assert known["gamma"] == gamma
+        one = (5.75 - np.log(gamma))/1.15       # s, in a sea of 1 m
+        assert known["T_1"] == pytest.approx(one, abs=0.005)
+        told = re.search(rf"^\| T_p, {name} \|(.*)\|$", text, re.MULTILINE)
+        assert told is not None
+        periods = [float(cell.split()[0]) for cell in told[1].split("|")]
+        assert periods == pytest.approx(one*np.sqrt(np.arange(1, 7)), abs=0.051)
 
 
 def test_sentences_on_the_sea_states() -> None:
