@@ -18,6 +18,7 @@ from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.diagnosis import diagnose
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.scoring import Base, Score, scored
+from heavebond.diagnosis.shared_diagrams import SharedDiagram
 from heavebond.diagnosis.stage import fitted_base, make_stage
 from heavebond.estimation.experiment import load_experiment
 
@@ -86,12 +87,12 @@ def test_ctrl_c_ends_at_once_with_what_was_done(number: int, at: str) -> None:
     assert not multiprocessing.active_children()
 
 
-def _dying(base: Base, candidate: Candidate) -> list[Score]:
+def _dying(base: Base, candidate: Candidate, shared: SharedDiagram | None) -> list[Score]:
     """The scores of a candidate; the process is killed at the second, for ever, and once at the third."""
     if candidate.label == CHOSEN[1] or (candidate.label == CHOSEN[2] and not Path("died").exists()):
         Path("died" if candidate.label == CHOSEN[2] else "dead").touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    return scored(base, candidate)
+    return scored(base, candidate, shared)
 
 
 def _not_followed(base: Base, trial: Refit, guesses: Sequence[Score], progress: Progress) -> Refit:
@@ -124,6 +125,6 @@ def test_a_diagnosis_says_what_it_is_without(monkeypatch: pytest.MonkeyPatch) ->
     assert any(line.startswith("Not tried to the end: ") and found.steps[0].lost[0] in line for line in found.words)
 
 
-def _killed(base: Base, candidate: Candidate) -> list[Score]:
+def _killed(base: Base, candidate: Candidate, shared: SharedDiagram | None) -> list[Score]:
     os.kill(os.getpid(), signal.SIGKILL)
-    return scored(base, candidate)
+    return scored(base, candidate, shared)

@@ -27,8 +27,10 @@ from heavebond.diagnosis.kept_refits import (
     restored_scores,
     scores_entry,
 )
+from heavebond.diagnosis.like_places import named_apart
 from heavebond.diagnosis.refit import Refit, begun, followed, polished
 from heavebond.diagnosis.scoring import Base, Score, scored, searched
+from heavebond.diagnosis.shared_diagrams import SharedDiagram, shared_diagrams
 from heavebond.estimation.experiment import Experiment
 from heavebond.numerics.dae import Array
 from heavebond.numerics.simulator import Tolerances
@@ -94,10 +96,18 @@ class Workers:
             else:
                 open_.append(c)
         instead: list[list[Score]] = [[] for _ in open_]
-        for c, found in self._each(_scored, [(c,) for c in open_], open_, until, instead):
+        shared = self._shared(candidates)
+        for c, found in self._each(_scored, [(c, shared.get(c.label)) for c in open_], open_, until, instead):
             if self.kept is not None and c.label not in self.lost:
                 self.kept.add(digests[c.label], scores_entry(c, found))
             yield c, found
+
+    def _shared(self, candidates: Sequence[Candidate]) -> dict[str, SharedDiagram]:
+        """The diagrams that candidates share, those of the catalogue with names of their own for their parts."""
+        experiment = self.base.problem.experiment
+        adding = any(c.change.components for c in candidates)
+        apart = {c.label: c for c in named_apart(experiment)} if adding else {}
+        return shared_diagrams(experiment.model.library, [apart.get(c.label, c) for c in candidates])
 
     def begin(self, jobs: Sequence[tuple[Candidate, Sequence[Score]]], least: float = 0.0, until: float = float("inf")
               ) -> Iterator[tuple[Candidate, Refit | None]]:
@@ -193,8 +203,8 @@ def _elsewhere(given: bytes, function: Callable[..., T], *job: Any) -> T:
     return function(_base_of(given), *job)
 
 
-def _scored(base: Base, candidate: Candidate, progress: Progress | None = None) -> list[Score]:
-    return scored(base, candidate)
+def _scored(base: Base, candidate: Candidate, shared: SharedDiagram | None, progress: Progress | None = None) -> list[Score]:
+    return scored(base, candidate, shared)
 
 
 def _refitted(base: Base, work: Callable[..., Refit | None], job: Sequence[Any], kept: Kept | None,

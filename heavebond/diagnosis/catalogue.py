@@ -103,13 +103,15 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Site:
-    """A diagram in which effects are to be placed; `taken` are names that are not free besides those of the diagram."""
+    """A diagram in which effects are to be placed; `taken` are names that are not free besides those of the diagram; with
+    `apart` every name that is given is taken from then on."""
 
     experiment: Experiment
     assembly: Assembly
     expanded: Expanded
     network: Network
     taken: set[str] = field(default_factory=set)
+    apart: bool = False
 
     @property
     def nodes(self) -> dict[str, list[Group]]:
@@ -144,12 +146,13 @@ def site_of(experiment: Experiment, assembly: Assembly | None = None) -> Site:
     return Site(experiment, assembly, expanded, connect(expanded, formula_order(expanded)))
 
 
-def single_candidates(experiment: Experiment, assembly: Assembly | None = None) -> list[Candidate]:
+def single_candidates(experiment: Experiment, assembly: Assembly | None = None, site: Site | None = None) -> list[Candidate]:
     """All effects of the catalogue at all single places of the diagram of an experiment, in the order of the library.
 
-    `assembly` is the assembled diagram where there is one. Raises ModelError for an invalid diagram or component.
+    `assembly` is the assembled diagram, `site` what effects are placed in, where there is one. Raises ModelError for an
+    invalid diagram or component.
     """
-    site = site_of(experiment, assembly)
+    site = site or site_of(experiment, assembly)
     found = list(_dormant(site))
     for component in experiment.model.library.effects():
         assert component.effect is not None
@@ -238,7 +241,10 @@ def fresh(site: Site, base: str) -> str:
     used = {*site.experiment.model.body.instances, *site.experiment.model.body.wires, *site.experiment.model.parameters,
             *site.expanded.leaves, *site.expanded.junctions, *site.taken}
     names = (base if k == 1 else f"{base}_{k}" for k in count(1))
-    return next(n for n in names if not {n, f"{n}_end", f"{n}_in", f"{n}_out"} & used)
+    found = next(n for n in names if not {n, f"{n}_end", f"{n}_in", f"{n}_out"} & used)
+    if site.apart:
+        site.taken.update((found, f"{found}_end", f"{found}_in", f"{found}_out"))
+    return found
 
 
 def snake(name: str) -> str:

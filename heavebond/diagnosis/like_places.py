@@ -16,7 +16,7 @@ from dataclasses import replace
 from heavebond.diagnosis.catalogue import Candidate, Site, fresh, single_candidates, site_of, snake
 from heavebond.diagnosis.scoring import Score
 from heavebond.estimation.change import Change, Part
-from heavebond.estimation.experiment import ExperimentOrFile, load_experiment
+from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_experiment
 
 Signature = tuple[object, ...]
 LAWS = ("across", "at", "in series", "in")  # ways to attach that are considered: not sensors, nor replacements
@@ -32,6 +32,14 @@ def candidates(experiment: ExperimentOrFile) -> list[Candidate]:
     experiment = load_experiment(experiment)
     site = site_of(experiment)
     found = single_candidates(experiment, site.assembly)
+    return [*found, *at_like_places(site, found)]
+
+
+def named_apart(experiment: Experiment) -> list[Candidate]:
+    """The same, each candidate at a single place with names for its parts that no other one has, so that several can be put
+    into the diagram together."""
+    site = replace(site_of(experiment), apart=True)
+    found = single_candidates(experiment, site=site)
     return [*found, *at_like_places(site, found)]
 
 
@@ -94,7 +102,7 @@ def _joining(site: Site, nodes: Sequence[str]) -> frozenset[str]:
 def _joined(site: Site, group: Sequence[Candidate]) -> Candidate:
     """The same law at all places of a group, with the numbers of the first."""
     first, *others = group
-    own = replace(site, taken={*site.taken, *first.change.components})
+    own = site if site.apart else replace(site, taken={*site.taken, *first.change.components})
     change = first.change
     parts: list[str] = []
     for other in others:

@@ -16,7 +16,7 @@ effect that can be seen takes the place of a tangent that promised more.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from heavebond.core.errors import HeavebondError
 from heavebond.core.units import Dimension
 from heavebond.diagnosis.catalogue import Candidate, EffectNumber, quantity
+from heavebond.diagnosis.shared_diagrams import SharedDiagram
 from heavebond.estimation.change import Change
 from heavebond.estimation.comparison import assemble_for, driven_by
 from heavebond.estimation.experiment import Experiment, Record
@@ -150,6 +151,7 @@ class Base:
     priors: Array
     exact: Mapping[str, Run]
     diagrams: dict[str, Diagram] = field(default_factory=dict, repr=False, compare=False)
+    shared: dict[str, list[Run] | None] = field(default_factory=dict, repr=False, compare=False)  # see `sleeping`
 
     @classmethod
     def at(cls, problem: Residuals, inner: Array) -> Base:
@@ -173,11 +175,33 @@ class Base:
             self.diagrams[key] = made
         return self.diagrams[key]
 
-    def runs(self, change: Change, names: Sequence[str]) -> list[Run]:
-        """The fitted records with the changed diagram, whose parameters `names` are to be moved."""
+    def runs(self, change: Change, names: Sequence[str], among: Sequence[str] = ()) -> list[Run]:
+        """The fitted records with the changed diagram, whose parameters `names` are to be moved, `among` others that other
+        runs with it move."""
         made = self.diagram(change)
+        pairs = zip(self.problem.runs, made.assemblies, strict=True)
         return [Run(made.experiment, run.record, list(names), run.simulator.tolerances, kind=QuickSimulator, like=run,
-                    assembly=assembly) for run, assembly in zip(self.problem.runs, made.assemblies, strict=True)]
+                    assembly=assembly, among=among) for run, assembly in pairs]
+
+    def sleeping(self, shared: SharedDiagram | None, label: str) -> list[Run] | None:
+        """The fitted records with the diagram that a candidate shares with others, without sensitivities: that of all of
+        them, or of as many as leave the base model what it is while they sleep. None where the candidate has none."""
+        while shared is not None:
+            key = repr(shared.members)
+            if key not in self.shared:
+                self.shared[key] = self._sleeping(shared)
+            if (found := self.shared[key]) is not None:
+                return found
+            shared = shared.half(label)
+        return None
+
+    def _sleeping(self, shared: SharedDiagram) -> list[Run] | None:
+        try:
+            runs = self.runs(shared.change, [], shared.amplitudes)
+            alike = all(_same_unknowns(run.assembly, own.assembly) for run, own in zip(runs, self.problem.runs, strict=True))
+            return runs if alike and np.linalg.norm(_plain_residuals(self, runs, {}) - self.quick) <= self.error else None
+        except HeavebondError:
+            return None
 
     @cached_property
     def cost(self) -> float:
@@ -210,24 +234,37 @@ class Base:
         return s - self.J @ step, -step
 
 
-def scored(base: Base, candidate: Candidate) -> list[Score]:
-    """The scores of one candidate at a few choices of its shapes; none where the diagram with it cannot be simulated."""
+def scored(base: Base, candidate: Candidate, shared: SharedDiagram | None = None) -> list[Score]:
+    """The scores of one candidate at a few choices of its shapes; none where the diagram with it cannot be simulated. Where
+    it is one of several in a `shared` diagram, its runs are made with that, the others asleep."""
+    sleeping = base.sleeping(shared, candidate.label)
+    if shared is None or sleeping is None:
+        return _all_scores(base, candidate, lambda one, names: base.runs(one.change, names))
+    own = shared.member(candidate.label)
+    found = _all_scores(base, own, lambda _, names: [run.again(names, {}, QuickSimulator) for run in sleeping])
+    name = {there.name: here.name for there, here in zip(own.numbers, candidate.numbers, strict=True)}
+    return [replace(s, candidate=candidate, shapes={name[n]: value for n, value in s.shapes.items()},
+                    along=tuple(name[n] for n in s.along)) for s in found]
+
+
+def _all_scores(base: Base, candidate: Candidate, prepared: Callable[[Candidate, list[str]], list[Run]]) -> list[Score]:
+    """The scores by the `prepared` runs of a candidate with sensitivities to some of its numbers."""
     try:
         moving = [n.name for n in candidate.vanishing]
-        runs = base.runs(candidate.change, moving)
+        runs = prepared(candidate, moving)
         settled = _settled(candidate, runs, base)
         if settled is not candidate:
             candidate = settled
-            runs = base.runs(candidate.change, moving)
+            runs = prepared(candidate, moving)
         points = shape_points(candidate, runs, base)
     except HeavebondError:
         return []
     found = []
-    kink = _kinked(base, candidate)
+    kink, sizes = _kinked(base, candidate), dict[str, float]()
     for shapes in points:
         try:
             if candidate.vanishes:
-                runs, moved = _tangents(base, candidate, runs, shapes, kink)
+                runs, moved, sizes = _tangents(base, candidate, runs, shapes, kink, sizes)
                 found += [score for first in _at_zero(base, candidate, moved, shapes)
                           for score in _on_sides(base, first, runs, kink)]
             else:
@@ -242,15 +279,16 @@ def _neutral(candidate: Candidate) -> dict[str, float]:
     return {n.name: n.neutral for n in candidate.vanishing}
 
 
-def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping[str, float], kink: bool
-              ) -> tuple[list[Run], dict[str, Array]]:
-    """d r / d a (n,) for each amplitude at zero, and runs whose error control knows how large amplitudes are. It takes one
+def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping[str, float], kink: bool,
+              sizes: Mapping[str, float]) -> tuple[list[Run], dict[str, Array], dict[str, float]]:
+    """d r / d a (n,) for each amplitude at zero, runs whose error control knows how large amplitudes are, and these sizes;
+    `sizes` are those that the error control of the given runs knows, from another choice of the shapes. It takes one
     that is zero for one unit; what 1 N of friction does to a machine of 100 t is less than the integrator errs by, and the
     tangent would be that; what 1 m3/(s Pa) of a leakage does is so much that the runs would be finer than they need be."""
     there = {**_neutral(candidate), **shapes}
     moved = sensitivities(base, runs, there)
     zero = {n.name: n for n in candidate.vanishing if n.neutral == 0}
-    sizes = dict.fromkeys(zero, 1.0)
+    sizes = {**dict.fromkeys(zero, 1.0), **sizes}
     for _ in range(RUNS):
         lengths = {name: float(np.linalg.norm(moved[name])) for name in zero}
         steps = {name: SIZED * float(np.linalg.norm(base.r)) / length for name, length in lengths.items() if length > 0}
@@ -264,7 +302,7 @@ def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping
         if settled:  # the tangent is finer than it need be, and so would the runs beside it be
             break
         moved = sensitivities(base, runs, there)
-    return runs, moved
+    return runs, moved, sizes
 
 
 def _at_zero(base: Base, candidate: Candidate, moved: Mapping[str, Array], shapes: Mapping[str, float]) -> list[Score]:
@@ -335,8 +373,7 @@ def _secant(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> Sco
     for _ in range(DECADES):
         size = min(10 * size, most)
         try:
-            effect = np.concatenate([run.residuals(_values(base, run, _at(at_zero, side * size)))[0]
-                                     for run in plain]) - base.quick
+            effect = _plain_residuals(base, plain, _at(at_zero, side * size)) - base.quick
         except HeavebondError:
             break
         found = _scored(base, at_zero.candidate, at_zero.shapes, effect / size, ROUGH * base.error / size)
@@ -388,7 +425,18 @@ def _settled(candidate: Candidate, runs: Sequence[Run], base: Base) -> Candidate
 def _difference(base: Base, runs: Sequence[Run], shapes: Mapping[str, float]) -> Array:
     """What an effect that has no zero does to the residuals (n,) from a finite value on: the secant in place of the
     tangent, so that an amplitude of 1 is that value."""
-    return np.concatenate([run.residuals(_values(base, run, shapes))[0] for run in runs]) - base.quick
+    return _plain_residuals(base, runs, shapes) - base.quick
+
+
+def _plain_residuals(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> Array:
+    """The residuals (n,) with the base's values and these."""
+    return np.concatenate([run.residuals(_values(base, run, values))[0] for run in runs])
+
+
+def _same_unknowns(one: Assembly, other: Assembly) -> bool:
+    """Whether two diagrams have the same states and algebraic unknowns, and as many events."""
+    return one.state_names == other.state_names and one.algebraic_names == other.algebraic_names and \
+        len(one.flat.events) == len(other.flat.events)
 
 
 def _values(base: Base, run: Run, more: Mapping[str, float]) -> dict[str, float]:

@@ -95,10 +95,11 @@ class Run:
     """
 
     def __init__(self, experiment: Experiment, record: Record, names: list[str], tolerances: Tolerances = TOLERANCES, *,
-                 kind: type[Simulator] = Simulator, like: Run | None = None, assembly: Assembly | None = None):
+                 kind: type[Simulator] = Simulator, like: Run | None = None, assembly: Assembly | None = None,
+                 among: Sequence[str] = ()):
         """`kind` of simulator to use; `like` is a run of the same record with another diagram: the record is not read again.
-        `assembly` is this diagram, where there is one."""
-        self.record, self.names = record, names
+        `assembly` is this diagram, where there is one; `among` as in `quick_simulation.Unexplained`."""
+        self.record, self.names, self.among = record, names, among
         self.found: Measured = like.found if like is not None else measure(experiment, record)
         self.assembly: Assembly = assembly or assemble_for(experiment, record)
         texts = tuple(o.shown.text for o in experiment.outputs.values())
@@ -110,7 +111,9 @@ class Run:
         self.simulator: Simulator = self._simulator(kind, tolerances, None if like is None else like.simulator)
 
     def _simulator(self, kind: type[Simulator], tolerances: Tolerances, like: Simulator | None) -> Simulator:
-        made: Callable[..., Simulator] = partial(kind, probe=self.probe) if issubclass(kind, Unexplained) else kind
+        made: Callable[..., Simulator] = kind
+        if issubclass(kind, Unexplained):
+            made = partial(kind, probe=self.probe, among=self.among)
         return made(self.assembly, times=self.found.grid, tolerances=tolerances, sensitivities=self.names, like=like)
 
     def again(self, names: list[str], values: Mapping[str, float], kind: type[Simulator],

@@ -77,9 +77,10 @@ class Unexplained(Simulator):
     most_steps = SEARCH_RUNS.max_steps_exact
     share = CVODES_SHARE  # of the tolerances asked for, with which the compiled program integrates
 
-    def __init__(self, *given: Any, probe: Probe | None = None, **named: Any):
-        """`probe` are the signals that `measured` gives."""
-        self.probe = probe
+    def __init__(self, *given: Any, probe: Probe | None = None, among: Sequence[str] = (), **named: Any):
+        """`probe` are the signals that `measured` gives. The compiled program has derivatives by the sensitivities and by
+        all parameters `among` which they stand: simulators that differ in nothing else share one list of operations."""
+        self.probe, self.among = probe, among
         self.driver: CompiledCvodes | None = None
         self._last: tuple[Array, Start, Tangent | None] | None = None  # what was felt, and the start with it
         super().__init__(*given, **named)
@@ -107,11 +108,16 @@ class Unexplained(Simulator):
         if assembly.flat.events or self.charts.needed or self.quadratures is not None or compiled_cvodes.program() is None \
                 or len(self.sensitivities) > len(self.parameters):
             return None
-        moving = tuple(self._moving(assembly)) if self.sensitivities else ()
+        moving = tuple(self._differentiated(assembly)) if self.sensitivities else ()
         # each set has a list of its own: over a kink the roundings of another order of operations would be seen, and what
         # a candidate gets would depend on what was made before
         key = ("compiled", self.probe.names if self.probe is not None else (), moving)
         return assembly.once(key, lambda: _equations(assembly, self.probe, moving))
+
+    def _differentiated(self, assembly: Assembly) -> list[int]:
+        """The parameters (indices) by which the compiled program's list has derivatives."""
+        names = set(self.among)
+        return sorted({*self._moving(assembly), *(k for k, name in enumerate(assembly.parameter_names) if name in names)})
 
     def prepare(self) -> None:
         if self.equations is None or len(self.stops) < 2:
