@@ -117,6 +117,20 @@ def test_leakage_is_found_between_the_chambers_by_their_pressure_difference() ->
     assert min(behind) > 1000
 
 
+def test_places_that_are_not_asked_for_are_left_out() -> None:
+    nodes = frozenset(("wall", "load"))
+    found = localize("cylinder_rig/leakage", besides=[nodes])
+    best, *others = found.suspects
+    assert {n.name for n in best.place.nodes} == {"chamber_a", "chamber_b"} and best.behind == 0
+    assert any({n.name for n in s.place.nodes} == nodes for s in others)
+    assert {s.place.name for s in others} == {others[0].place.name, *others[0].alike}  # the one group that has them
+    assert others[0].behind > 1000
+    alone = localize("cylinder_rig/leakage", besides=()).suspects
+    assert [s.place.name for s in alone] == [best.place.name]
+    assert alone[0].rms == pytest.approx(best.rms, rel=1e-9) and alone[0].words == best.words
+    assert localize("passive_rig/nothing", besides=()).suspects == ()
+
+
 def test_choked_flow_is_found_at_the_receiver() -> None:
     """One volume only: what enters through the inlet or the outlet cannot be distinguished, which is said."""
     found = localize("receiver_rig/choked")

@@ -103,14 +103,17 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
 
 
 def _where(found: Diagnosis, budget: Budget) -> Localization | None:
-    """What the places of the first diagram ask for; None where that cannot be told in the time, or the user ends it."""
+    """What the likeliest places of the first diagram and those of what was found ask for; None where that cannot be told in
+    the time, or the user ends it."""
     from heavebond.commands import terminal
     from heavebond.core.errors import HeavebondError
     from heavebond.localise.misfit import localize
 
+    added = [*found.findings, *([found.shape] if found.shape is not None else [])]
     try:
         with terminal.working("looking where it fails") as progress:
-            return budget.made(lambda: localize(found.searched, values=found.fitted, progress=progress))
+            return budget.made(lambda: localize(found.searched, values=found.fitted, progress=progress,
+                                                besides=[frozenset(f.candidate.where) for f in added]))
     except HeavebondError:
         return None
 

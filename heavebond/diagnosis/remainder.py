@@ -78,7 +78,7 @@ def remainder(experiment: Experiment, say: Progress) -> Remainder | None:
     """That of an experiment whose diagram has all that was found, at its fitted values; None where the records cannot be
     simulated with it."""
     try:
-        found = localize(experiment, progress=lambda text: say(f"what is left: {text}"))
+        found = localize(experiment, progress=lambda text: say(f"what is left: {text}"), besides=())
     except HeavebondError:
         return None
     likely = [s for s in found.suspects if s.behind < INPUT_ESTIMATION.distinct and s.curve is not None]

@@ -50,7 +50,7 @@ class Ranked:
 class Estimate:
     """All places beside all records. `likelihood` is that of the parameters alone, `ideal` that of nothing but noise,
     `samples` their number; `base` are the runs with `values`, `systems` those with what the best place asks for besides,
-    about which `smoothed` (by record, the places as in `ranked`) was estimated; `foreseen` tells whether those runs came out
+    about which `smoothed` (by record, the places as in `full`) was estimated; `foreseen` tells whether those runs came out
     as foreseen, so that the estimate is that of the machine and not only of its linear system.
     """
 
@@ -64,6 +64,7 @@ class Estimate:
     smoothed: Mapping[str, Smoothed]
     values: Mapping[str, Mapping[str, float]]
     foreseen: bool
+    full: tuple[Ranked, ...] = ()
 
     @property
     def gain(self) -> float:
@@ -127,8 +128,9 @@ class Search:
             found[self.columns(name)] = system.centre
         return found
 
-    def estimate(self, values: Mapping[str, Mapping[str, float]], most: int) -> Estimate:
-        """Rank the places, beginning with runs at `values` (by record); the best `most` are smoothed."""
+    def estimate(self, values: Mapping[str, Mapping[str, float]],
+                 chosen: Callable[[Sequence[Ranked]], Sequence[Ranked]]) -> Estimate:
+        """Rank the places, beginning with runs at `values` (by record); of the ranking, those `chosen` are smoothed."""
         self.say("running the records")
         systems = self.about(values, {})
         groups, unseen = self.groups(systems)
@@ -146,7 +148,8 @@ class Search:
             about = self._along_the_best(replace(known, samples=samples)) if systems is not known.systems else None
             found = replace(about, unseen=found.unseen, likelihood=found.likelihood, ideal=ideal, base=systems,
                             values=values) if about is not None and about.foreseen else self._along_the_best(found)
-        return replace(found, smoothed=self._smoothed(found.systems, found.ranked[:most]))
+        smoothed = tuple(chosen(found.ranked))
+        return replace(found, full=smoothed, smoothed=self._smoothed(found.systems, smoothed))
 
     def about(self, values: Mapping[str, Mapping[str, float]], driven: Mapping[str, Array]) -> dict[str, LtvModel]:
         """Every record's linear system about its run."""

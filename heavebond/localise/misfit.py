@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -156,13 +156,15 @@ class Localization:
 @reporting
 @single_threaded
 def localize(experiment: ExperimentOrFile, *, values: Fit | Mapping[str, float | str] | None = None,
-             progress: Callable[[str], None] | None = None) -> Localization:
+             progress: Callable[[str], None] | None = None, besides: Collection[Set[str]] | None = None
+             ) -> Localization:
     """Localise a model error: when, in what state of motion and at which place of its diagram a model fails its records.
 
     The unknown input at each place (in SI) is estimated together with the free parameters and initial values of
     `experiment`, beginning at the diagram's own parameters or at `values` (a fit, or values by name, in SI or as text
     with a unit), so that no fit is needed before. Of long records the beginning is used (see `estimation.excerpts`).
-    `progress` is called with a text at each step. Raises what `compare` raises.
+    With `besides`, names of nodes, only places that are about as likely as the best and those at just these nodes are
+    estimated in full. `progress` is called with a text at each step. Raises what `compare` raises.
     """
     experiment = with_noise(load_experiment(experiment))
     say = progress or (lambda text: None)
@@ -178,14 +180,20 @@ def localize(experiment: ExperimentOrFile, *, values: Fit | Mapping[str, float |
         p = sides[0].assembly.parameter_values
         search = Search(sides, [known_of(free, p[free.name]) for free in experiment.free.values()], say)
         found = search.estimate({r.name: _given(values, r.name, sides[0].assembly) for r in records},
-                                INPUT_ESTIMATION.max_places)
+                                lambda ranked: _in_full(ranked, besides))
     say("looking for what it follows")
     missing = found.chance < INPUT_ESTIMATION.level
-    suspects = [s for k, ranked in enumerate(found.ranked[:INPUT_ESTIMATION.max_places])
-                for s in _group(search, found, k, ranked)]
-    return Localization(experiment, missing, found.chance, misfit(found.base, search.fitted),
-                        tuple(suspects) if missing else (),
+    suspects = [s for k, ranked in enumerate(found.full) for s in _group(search, found, k, ranked)] if missing else []
+    return Localization(experiment, missing, found.chance, misfit(found.base, search.fitted), tuple(suspects),
                         tuple(p.name for p in found.unseen), *_when(experiment, search, found), found.values, found.foreseen)
+
+
+def _in_full(ranked: Sequence[Ranked], besides: Collection[Set[str]] | None) -> Sequence[Ranked]:
+    """The groups of places that are estimated in full (see `localize`)."""
+    first = ranked[:INPUT_ESTIMATION.max_places]
+    return first if besides is None else [
+        group for group in first if first[0].likelihood - group.likelihood < INPUT_ESTIMATION.distinct
+        or any({node.name for node in place.nodes} in besides for place in group.group.places)]
 
 
 def _beginning(experiment: Experiment, values: Fit | Mapping[str, float | str] | None) -> Experiment:
