@@ -39,7 +39,7 @@ REFUSED = (
     "joined_volumes_at_other_pressures", "gas_that_begins_at_zero", "gauge_pressure_for_an_absolute_one",
     "coils_in_line_with_other_currents", "flow_forced_through_shut_valves", "controller_that_cannot_hold_its_load",
     "cylinder_that_begins_at_zero_volume", "check_valves_in_line_both_shut", "motions_at_both_ends_of_a_gear",
-    "force_divided_by_the_time", "weight_on_a_contact_kilometres_below",
+    "force_divided_by_the_time", "strut_too_long", "weight_on_a_contact_kilometres_below",
     # events, and what should be one
     "step_into_a_position_source", "coil_on_a_current_that_steps", "capacitor_on_a_voltage_that_steps", "sign_of_a_speed",
 )

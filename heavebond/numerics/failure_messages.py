@@ -22,7 +22,7 @@ from heavebond.numerics.initialise import Start
 from heavebond.numerics.result import Result, columns
 from heavebond.numerics.run_verdict import RUNAWAY
 from heavebond.numerics.start_equations import Point
-from heavebond.numerics.validity import RAN_AWAY, VALIDITY, typical_size
+from heavebond.numerics.validity import RAN_AWAY, VALIDITY, at_point, typical_size
 
 # singular values below this share of the largest are on their way to zero where a run stops
 NEAR = 1e-5
@@ -61,8 +61,9 @@ def explain_failure(stop: Stop, first: Start, said: str, rtol: float) -> Simulat
         cause, notes = _cause(stop.assembly, first, stop.last, loosen)
         hint = FOLDED if stop.folded else cause or hint
     words = [line for line in said.splitlines() if "IDA" in line or "SUNDIALS" in line.upper()]
-    solver = re.findall(r"IDA_[A-Z_]+", said)
-    notes.append("IDAS said: " + (", ".join(dict.fromkeys(solver)) or (words[0][:160] if words else "nothing")))
+    solver = re.findall(r"\b(?:IDA|CV)_[A-Z_]+", said)
+    integrator = "CVODES" if solver and solver[0].startswith("CV") else "IDAS"
+    notes.append(f"{integrator} said: " + (", ".join(dict.fromkeys(solver)) or (words[0][:160] if words else "nothing")))
     return SimulationError([Problem("integration-failed", stop_message(stopped), None, hint, tuple(notes))])
 
 
@@ -116,6 +117,8 @@ def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[
         return grown, notes
     if same and (limit := _at_limit(assembly, assembly.point(first.t, *begun, p, u), at)):
         return limit, notes
+    if said := _out_of_range(assembly, last):
+        return said, notes
     if found := _lost(assembly, at, t):
         return f"{found.message[:1].upper()}{found.message[1:]}.\n{found.hint}", [*notes, *found.notes]
     # one that has turned its sign was zero a moment before: a run may go on a little with a volume below zero
@@ -193,6 +196,15 @@ def _at_limit(assembly: Assembly, start: dict[int, float], at: dict[int, float])
         return (f"{u.name}{f' ({u.doc})' if u.doc else ''} comes to its limit {readable(limit, u.unit.text)} there, from "
                 f"{readable(begin, u.unit.text)} at the start.{told}")
     return ""
+
+
+def _out_of_range(assembly: Assembly, last: Point) -> str:
+    """What to say where a variable is where its laws do not hold: oil below vacuum, or compressed as in no machine."""
+    found = next((f for f in at_point(assembly, last).findings if f.kind in ("range", "larger")), None)
+    if found is None or found.limit is None:
+        return ""
+    value, limit = (readable(number, found.unit) for number in (found.value, found.limit))
+    return f"{found.name} is {value} there, beyond {limit}: {found.advice}."
 
 
 def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from heavebond.core.presentation import readable
 from heavebond.equations import structural_messages
 from heavebond.equations.block_solver import Pivot
 from heavebond.equations.lost_rank import losses
+from heavebond.language.library import is_bundled
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.matrices import dense, finite, null_space, scaled
 from heavebond.numerics.mechanism_messages import dead_centre
@@ -79,7 +81,9 @@ def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> 
     """What to type where something has no value: which zero, had it another value, would give it one; and its place."""
     flat = assembly.flat
     states = [k for k, (_, order) in enumerate(assembly.reduced.states) if order == 0 and point.x[k] == 0]
-    numbers = [k for k, name in enumerate(assembly.parameter_names) if point.p[k] == 0 and "." in name]
+    # a default of 0 of the library is right wherever it stands
+    numbers = [k for k, (name, q) in enumerate(zip(assembly.parameter_names, flat.parameters, strict=True))
+               if point.p[k] == 0 and "." in name and not is_bundled(Path(q.place.file))]
     cured = [k for k in numbers if finite(replace(point, p=_moved(point.p, k, 1.0)))]
     if cured:
         names = listing((assembly.parameter_names[k] for k in cured), MOST_NAMED)
