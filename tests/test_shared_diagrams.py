@@ -18,6 +18,7 @@ from heavebond.diagnosis.shared_diagrams import SharedDiagram, shared_diagrams
 from heavebond.diagnosis.stage import fitted_base
 from heavebond.estimation.change import Change
 from heavebond.estimation.experiment import load_experiment
+from heavebond.text.yaml_source import parse
 
 EXPERIMENT = RIGS["passive"].experiment
 
@@ -45,6 +46,15 @@ def test_the_same_candidates_have_names_of_their_own(found: Mapping[str, Candida
     parts = [name for c in apart if not c.members and c.attaches != "replaces" for name in c.change.components]
     assert len(parts) == len(set(parts))
     assert len({name for c in found.values() for name in c.change.components}) < len(parts)
+
+
+def test_written_changes_are_read_alike_by_both_readers(found: Mapping[str, Candidate],
+                                                        shared: Mapping[str, SharedDiagram]) -> None:
+    changes = [c.change for c in found.values()] + [s.change for s in shared.values()]
+    changes.append(Change(settings={"mass.größe": "=2*a[1]", "b": "12:30"}, channels={}, initial={"x": '~ ="y" #'}))
+    for change in changes:
+        text = change.diagram("Größe: \"1\" \t\u2028 #", "yes", "a b.yaml")
+        assert parse(text, trusted=True) == parse(text)
 
 
 def test_no_two_of_one_diagram_name_the_same(shared: Mapping[str, SharedDiagram]) -> None:

@@ -77,7 +77,7 @@ class Change:
         """The changed diagram; `path` is the file that it would be."""
         path = path or model.path.with_name(f"{file_stem(name or model.name)}.yaml")
         text = self.diagram(name or model.name, summary or model.summary or model.name, model.path.name)
-        return extended(model, parse(text, path, path.name))
+        return extended(model, parse(text, path, path.name, trusted=True))
 
     def on_experiment(self, experiment: Experiment) -> Experiment:
         """The experiment with the changed diagram, its outputs and inputs where the change puts them."""

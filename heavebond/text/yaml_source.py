@@ -119,12 +119,12 @@ def read(path: Path, name: str | None = None, *, bundled: bool = False) -> Sourc
     PyYAML has it: eight times as fast, and the same for each of them, which a test shows. Of other files libyaml accepts
     some that PyYAML refuses (tabs between values)."""
     name = name or short_path(path)
-    return parse(read_text(path, name), path, name, bundled=bundled)
+    return parse(read_text(path, name), path, name, trusted=bundled)
 
 
-def parse(text: str, path: Path = Path("text"), name: str = "text", *, bundled: bool = False) -> Source:
-    """Read YAML from a text; see `read`."""
-    builder = _Builder(text, name, FAST_LOADER if bundled else yaml.SafeLoader)
+def parse(text: str, path: Path = Path("text"), name: str = "text", *, trusted: bool = False) -> Source:
+    """Read YAML from a text; one that is `trusted`, of a bundled file or written by heavebond, by libyaml (see `read`)."""
+    builder = _Builder(text, name, FAST_LOADER if trusted else yaml.SafeLoader)
     root = builder.build()
     builder.problems.raise_as(ModelError)
     if root is None:
