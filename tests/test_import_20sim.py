@@ -192,7 +192,8 @@ equations
   held = hold (s, 0);
   before = hold (previous (s, -1), 0);
   total = hold (dint (s, 5), 0);
-  slope = hold (ddif (s, 0), 0);""", "held before total slope", more="<D><SampleTime>0.1</SampleTime></D>"))
+  slope = hold (ddif (s, 0), 0);""", "held before total slope", more="<D><DiscreteID>A\\y</DiscreteID><TimeInterval>0.1"
+                                     "</TimeInterval></D>"))
     assert at(run, "held", 0.05, 0.55, 1.05) == pytest.approx([0, 1.5, 3.0])
     assert at(run, "before", 0.05, 0.15, 0.55) == pytest.approx([-1, 0, 1.2])
     assert at(run, "total", 0.05, 0.55) == pytest.approx([5, 5 + 0.1 * 3 * (0 + 0.1 + 0.2 + 0.3 + 0.4)])
@@ -513,6 +514,14 @@ code
 PIECES = ["", "end;", "[", "(", "'", "=", "if", "1e999", "[0]", "knot", ")", ";", "while", "repeat", "until", "switch",
           "by 0", "resint (", "event (", "frequencyevent (0)", "hold (", "next (y) = 1;", "inverse (", "eye (-1)",
           "floor (", "constraint (", "{hr}", "not", "table ('x.txt', ", "mul (collect (", "x[k]"]
+
+
+def test_texts_in_the_code_page_of_windows_are_read(tmp_path: Path) -> None:
+    """Letters of a symbol font in a file that is declared as UTF-8."""
+    text = one_part("parameters\n real a = 3;\t// gr\xf6\xdfe\x02\nequations\n y = a;", "y")
+    (tmp_path / "cart.emx").write_bytes(text.replace("?>", ' encoding="UTF-8"?>', 1).encode("cp1252"))
+    files = import_emx(tmp_path / "cart.emx").files
+    assert "a: {unit: 1, default: 3, doc: " in (own := files["components/own.yaml"]) and "gr\xf6\xdfe" in own
 
 
 def test_units_of_declarations_and_of_numbers(tmp_path: Path) -> None:

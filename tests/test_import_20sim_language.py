@@ -114,7 +114,7 @@ code
              + part("Want", "signal out y", "equations\n y = 2 * step (0.1);")
              + part("Plant", "signal in u; signal out y", "equations\n y = int (2 * (u - y));"))
     run = imported(tmp_path, parts, "Want\\y -> Control\\want; Plant\\y -> Control\\is; Control\\u -> DA\\u; "
-                   "DA\\y -> Plant\\u", 0.6, "<R><SampleFrequency>50</SampleFrequency></R>")
+                   "DA\\y -> Plant\\u", 0.6, "<D><DiscreteID>A\\y</DiscreteID><TimeInterval>0.02</TimeInterval></D>")
     y, sum_, last, samples = 0.0, 0.0, 0.0, []
     for k in range(31):
         error = (2 if k >= 5 else 0) - y
@@ -210,7 +210,9 @@ def test_discrete_signals_keep_their_values_between_samples(tmp_path: Path) -> N
     plotted = ("Control\\s", "Control\\before", "Count\\n", "Count\\late")
     curves = "".join(f"<Curve><YCurveData><VarName>{name}</VarName></YCurveData></Curve>" for name in plotted)
     run = imported(tmp_path, parts, "Step\\y -> Control\\want; Plant\\y -> Control\\is; Control\\u -> Half\\u; "
-                   "Half\\y -> Plant\\u; Half\\y -> Count\\u", 2.0, f"<S><SampleTime>0.1</SampleTime></S>{curves}")
+                   "Half\\y -> Plant\\u; Half\\y -> Count\\u", 2.0,
+                   f"<D><DiscreteID>A\\y</DiscreteID><TimeInterval>0.1</TimeInterval></D>"
+                   f"{curves}")
     y, i, s, n, on, rows = 0.0, 0.0, 0.0, 10, 0, []
     for k in range(21):
         before, late, s = s, on, (k >= 2) - y
@@ -372,3 +374,56 @@ def test_a_matrix_of_points_is_the_table_of_the_library(tmp_path: Path, ports: s
     if kind != "Map":
         u = 4 * run.time - 1 if "in u" in ports else run.time
         assert run["Map.y"] == pytest.approx(np.interp(u, [0, 2, 3], [1, 5, 4]), abs=1e-9)
+
+
+def test_a_branch_that_ends_itself_is_an_event(tmp_path: Path) -> None:
+    """A flag that the branch itself clears holds at an instant only; what the branch sets is taken from before it."""
+    parts = part("Clock", "signal out y; signal out n", """variables
+ real t_hit, count, next;
+ boolean hit;
+initialequations
+ t_hit = 0.25; count = 0; next = 5;
+code
+ hit = major and (time >= t_hit);
+ if hit then
+  t_hit = time + 0.5;
+  y = next;
+  next = y + 3;
+  count = count + 1;
+ end;
+ n = count;""")
+    run = imported(tmp_path, parts, "", 2.0)
+    assert list(run["Clock.n"][np.searchsorted(run.time, [0.2, 0.3, 0.8, 1.3, 1.9])]) == [0, 1, 2, 3, 4]
+    assert list(run["Clock.y"][np.searchsorted(run.time, [0.2, 0.3, 0.8, 1.9])]) == [0, 5, 8, 14]
+
+
+def test_a_branch_for_the_start_avoids_a_division_by_zero(tmp_path: Path) -> None:
+    """A mean over the time would be 0/0 at the start, which a branch of its own avoids."""
+    run = run_part(tmp_path, one_part("""variables
+ real total, first, n;
+initialequations
+ n = 2;
+equations
+ total = int (3 + 0 * time);
+ mean = if time == 0 or total < 0 then 7 else total / time end;
+code
+ if time == starttime then n = n + 1; end;
+ y = n;""", "mean y", 2))
+    assert at(run, "mean", 0.5, 2) == pytest.approx([3, 3]) and at(run, "y", 0, 1) == [3, 3]
+
+
+def test_a_global_event_is_listed_and_does_not_stop_the_import(tmp_path: Path) -> None:
+    text = one_part("variables\n boolean global landed ('event');\nequations\n y = time;\n landed = eventup (y - 1);", "y")
+    (tmp_path / "cart.emx").write_text(text)
+    made = import_emx(tmp_path / "cart.emx", frozenset(library().names()))
+    assert [u.reason for u in made.untranslated] == ["the global event 'landed' is true at instants only; it is 0 elsewhere "
+                                                     "in the model"]
+    assert "landed = 0   # true at its events only" in made.files["components/own.yaml"]
+
+
+def test_numbers_with_a_prefix(tmp_path: Path) -> None:
+    files = written(tmp_path, one_part("parameters\n real La = 0.161m {H}, R = 2k {ohm}, C = .5u {F}, T = 5 {ms};\n"
+                                       "equations\n y = La / R + R * C + T + 3M;", "y"))
+    own = files["components/own.yaml"]
+    assert "La: {unit: H, default: 0.000161 H}" in own and "R: {unit: ohm, default: 2000 ohm}" in own
+    assert "C: {unit: F, default: 5e-07 F}" in own and "T: {unit: s, default: 0.005 s}" in own and "+ 3000000" in own

@@ -299,7 +299,7 @@ code
  count = n;"""))
     run = imported(tmp_path, parts, "Want\\y -> Control\\want; Plant\\y -> Control\\is; Control\\u -> Plant\\u; "
                    "Disturbance\\d -> Plant\\d", 2.0,
-                   "<D><SampleTime>0.05</SampleTime></D>")
+                   "<D><DiscreteID>A\\y</DiscreteID><TimeInterval>0.05</TimeInterval></D>")
     times = sorted({*np.round(np.arange(0, 2, 0.05), 9), 0.73, 1.02, 0.31, 0.81, 1.31, 1.81})
     y, u, s, d, n, found = 0.25, 0.2, 0.1, 0.0, 0, []
     for begin, end in zip(times, [*times[1:], 2.0], strict=True):
@@ -589,14 +589,36 @@ def test_tables_from_files(tmp_path: Path) -> None:
                     " y = table (filename, u);")
              + part("Both", "signal in u; signal out y", "parameters\n real k = 2;\nequations\n"
                     " y = int (k * table ('curve.csv', u - 1) + table ('profile.txt', 2 * time));")
+             + part("Named", "signal in u; signal out y", "parameters\n string global shared_file;\nequations\n"
+                    " y = 2 * table (shared_file, u);")
+             + part("Names", "signal in u", "parameters\n string global shared_file = 'curve.csv';\nvariables\n real w;\n"
+                    "equations\n w = u;")
              + part("Secret", "signal out y", "equations\n y = table ('../m.emx', time);"))
-    run = imported(tmp_path, parts, "Profile\\y -> Curve\\u; Profile\\y -> Both\\u", 3.0,
+    run = imported(tmp_path, parts, "Profile\\y -> Curve\\u; Profile\\y -> Both\\u; Profile\\y -> Named\\u", 3.0,
                    "<Variables><Parameters><Variable><Name>Profile\\filename</Name><Value>&quot;profile.txt&quot;</Value></Variable>"
-                   "</Parameters></Variables>", untranslated=5)
+                   "</Parameters></Variables>", untranslated=6)
     text = re.sub(" +", " ", (tmp_path / "out" / "m.yaml").read_text())
     assert "Profile: {is: TableSource, t: [0 s, 0.5 s, 2 s], v: [1, 3, -1]," in text
     assert "Curve: {is: Lookup, x: [-1, 0, 3], v: [2, 0, 1.5]," in text
     profile, curve = ((lambda t: np.interp(t, [0, 0.5, 2], [1, 3, -1])), (lambda u: np.interp(u, [-1, 0, 3], [2, 0, 1.5])))
     agree(run["Curve.y"], curve(profile(run.time)))
+    agree(run["Named.y"], 2 * curve(profile(run.time)))
     exact = solved(lambda t, x: [2 * curve(profile(t) - 1) + profile(2 * t)], [0], run, (0.25, 0.5, 0.875, 1.0, 2.0))
     agree(run["Both.y"], exact[0], 1e-5)
+
+
+def test_discrete_systems_have_sample_times_of_their_own(tmp_path: Path) -> None:
+    """The experiment states a sample time beside one quantity of each system; other blocks have that of their system."""
+    def chain(name: str) -> str:
+        return (part(f"Sample{name}", "signal in u; signal out y", "equations\n y = sample (u);")
+                + part(f"Twice{name}", "signal in u; signal out y", "equations\n y = 2 * u;")
+                + part(f"Hold{name}", "signal in u; signal out y", "equations\n y = hold (u);"))
+
+    parts = part("Clock", "signal out y", "equations\n y = time;") + chain("A") + chain("B")
+    joined = "; ".join(f"Clock\\y -> Sample{n}\\u; Sample{n}\\y -> Twice{n}\\u; Twice{n}\\y -> Hold{n}\\u" for n in "AB")
+    run = imported(tmp_path, parts, joined, 1.0, "".join(
+        f"<DiscreteSystem><DiscreteID>{name}</DiscreteID><TimeInterval>{time}</TimeInterval></DiscreteSystem>"
+        for name, time in (("SampleA\\y", 0.1), ("TwiceB\\y", 0.25))))
+    at = np.searchsorted(run.time, 0.33)
+    assert [run["HoldA.y"][at], run["HoldB.y"][at]] == pytest.approx([0.6, 0.5])
+    assert "sampletime: 0.1 s" in (text := (tmp_path / "out" / "m.yaml").read_text()) and "sampletime_2: 0.25 s" in text

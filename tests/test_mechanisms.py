@@ -203,6 +203,9 @@ simulate: {until: 1 s}
     assembly = hb.assemble(rigid)
     assert not StateChoices(assembly).needed
     assert Simulator(assembly).switching is None
+    run = hb.simulate(assembly)
+    at = (run.time[None], run.x, run.z, np.tile(run.p[:, None], (1, len(run.time))), run.u, np.ones((1, len(run.time))))
+    assert not StateChoices(assembly).home.strain(at).worst.any()  # a run that enters it may stay for ever
     assert StateChoices(hb.assemble(hb.load("mechanisms/pendulum"))).needed
 
 

@@ -12,7 +12,7 @@ from heavebond.import_20sim.emx_file import EmxFile
 from heavebond.import_20sim.equations import Builder
 from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.expressions_parser import Unreadable
-from heavebond.import_20sim.memory import Memory
+from heavebond.import_20sim.memory import SAMPLE_TIME, Memory
 from heavebond.import_20sim.names import camel, identifier, labels
 from heavebond.import_20sim.sampling import Sampling
 from heavebond.import_20sim.sidops_tree import Assign, Connection, Do, Expr, Port, Submodel
@@ -121,7 +121,18 @@ class Translator:
         self.scopes: list[dict[str, str]] = []  # global relations of the submodels around: name to name in the diagram
         self.values: dict[str, tuple[float, str]] = {}  # of global parameters by their name in the diagram, with their unit
         self.computed: dict[str, float] = {}  # of other global quantities that are known before the run
+        self.texts: dict[str, str] = {}  # of global parameters that are texts, such as names of files
         self.pending: list[tuple[Component, str, Builder]] = []  # without initial values; with the prefix of their names
+
+    def enter_texts(self, submodel: Submodel) -> None:
+        """Enter the global texts of a submodel and of those within it; the experiment may state others."""
+        for own in (submodel.relations, submodel.equations):
+            for item in (*own.constants, *own.parameters, *own.variables) if own is not None else ():
+                if item.kind == "string" and item.is_global and item.value is not None:
+                    self.texts.setdefault(identifier(item.name), item.value.name)
+        self.texts.update({name: text for name, text in self.emx.texts.items() if name in self.texts})
+        for part in submodel.submodels:
+            self.enter_texts(part)
 
     def scoped(self, label: str) -> str:
         """The name in the diagram of a global quantity."""
@@ -166,7 +177,7 @@ class Translator:
             return self.block(submodel, old, new)
         computed = self._relations(submodel, old, new)
         prefix = f"{old}\\" if old else ""
-        texts = {name[len(prefix):]: text for name, text in self.emx.texts.items() if name.startswith(prefix)}
+        texts = {**self.texts, **{n[len(prefix):]: text for n, text in self.emx.texts.items() if n.startswith(prefix)}}
         builder = Builder(submodel, self.comments, ends, self._known(), texts, self.emx.path.parent,
                           id(submodel) in self.sampling.discrete, self.sampling.held.get(id(submodel), ()), [
                               label[len(prefix):] for name in self.emx.plotted for label in labels(name)
@@ -177,6 +188,8 @@ class Translator:
         if computed is not None:
             made.untranslated.append((submodel.line, "its global relations compute something; only those of a submodel of "
                                       "submodels may"))
+        if SAMPLE_TIME in made.shared:
+            made.items[SAMPLE_TIME].value = self.sampling.times.get(id(submodel))
         made.line = submodel.line
         made.name = title(submodel, self.library)
         made.shared = {own: self.scoped(label) for own, label in made.shared.items()}
@@ -345,6 +358,13 @@ class Translator:
                 made.untranslated.append((made.line, why))
         inner = [(p, e) for p, e in inner if e in p.what.items]
         kinds = {e: made.items[e].kind for e in own}
+        bonds = [f"{p.name}\\{e}" for p, e in inner if p.what.items[e].kind == "bond"]
+        bonds += [e for e in own if kinds[e] == "bond"]
+        if bonds and len(bonds) < len(inner) + len(own):
+            made.untranslated.append((made.line, f"a signal is connected to the power port '{bonds[0]}'; it is left out"))
+            inner = [(p, e) for p, e in inner if p.what.items[e].kind != "bond"]
+            made.equations += [(f"{e}.f", "0") for e in own if kinds[e] == "bond"]
+            own = [e for e in own if kinds[e] != "bond"]
         sources = [(p, e) for p, e in inner if p.what.items[e].kind == "out"]
         given = [e for e in own if kinds[e] == "in"]
         outs = [e for e in own if kinds[e] == "out"]

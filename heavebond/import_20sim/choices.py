@@ -9,6 +9,7 @@ from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.sidops_tree import Expr
 
 TRUE, FALSE = f.number(1), f.number(0)
+SHORTLY = 1e-9  # s after the start
 OPPOSITE = {"<": ">=", ">=": "<", ">": "<=", "<=": ">", "==": "!=", "!=": "=="}
 
 
@@ -136,6 +137,35 @@ def _replaced(expr: Expr, event: Expr | None) -> Expr:
     if expr.op == "event":
         return TRUE if expr == event else FALSE
     return rebuilt(expr, lambda e: _replaced(e, event)) if expr.args else expr
+
+
+@lru_cache(maxsize=100_000)
+def between_events(expr: Expr) -> Expr:
+    """The value that an equation gives. A choice by `time == 0` or `time > 0` keeps it from dividing by a time of 0: its
+    divisors are those of a short time."""
+    def later(e: Expr) -> Expr:
+        return f.call("max", e, f.number(SHORTLY)) if e == f.name("time") else rebuilt(e, later) if e.args else e
+
+    def kept_from_zero(e: Expr) -> Expr:
+        if e.op == "/" and "time" in names(e.args[1]):
+            return Expr("/", (kept_from_zero(e.args[0]), later(e.args[1])))
+        return rebuilt(e, kept_from_zero) if e.args else e
+
+    def change(e: Expr) -> Expr:
+        if e.op != "if":
+            return rebuilt(e, change) if e.args else e
+        own = kept_from_zero if _asks_for_start(e.args[0]) else change
+        return Expr("if", (e.args[0], *map(own, e.args[1:])), line=e.line)
+
+    return at_event(change(expr), None)
+
+
+def _asks_for_start(condition: Expr) -> bool:
+    """Whether a condition compares the time with 0."""
+    compared = condition.op in OPPOSITE and f.name("time") in condition.args
+    if compared or (condition.op == "event" and condition.name == "time"):
+        return any(e.op == "number" and e.value <= 0 for e in condition.args)
+    return any(_asks_for_start(e) for e in condition.args)
 
 
 @lru_cache(maxsize=100_000)

@@ -13,6 +13,8 @@ from heavebond.import_20sim.names import labels
 MOST_BYTES = 50_000_000
 DEEPEST = 100
 MOST_ELEMENTS = 1_000_000
+UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # byte order marks
+CONTROL = bytes(c if c >= 32 or c in b"\t\n\r" else 32 for c in range(256))  # XML has no others
 
 
 @dataclass
@@ -27,7 +29,7 @@ class EmxFile:
     name: str = ""  # of the experiment
     finish: float | None = None
     every: float | None = None  # output interval
-    sample_time: float | None = None
+    sample_times: dict[str, float] = field(default_factory=dict)  # of discrete systems, by a quantity of each
     parameters: dict[str, float] = field(default_factory=dict)
     initials: dict[str, float] = field(default_factory=dict)
     texts: dict[str, str] = field(default_factory=dict)  # parameters that are texts, such as names of files
@@ -39,7 +41,7 @@ class EmxFile:
 
     def within(self, part: str) -> None:
         """Name the quantities as those of a part, beside the global ones."""
-        for values in (self.parameters, self.initials):
+        for values in (self.parameters, self.initials, self.sample_times):
             values.update({f"{part}\\{name}": value for name, value in values.items()})
         self.texts.update({f"{part}\\{name}": text for name, text in self.texts.items()})
         self.plotted = [f"{part}\\{name}" for name in self.plotted]
@@ -104,8 +106,10 @@ class _Handler:
             self.use_every = text.lower() == "true"
         elif tag == "OutputAfterEach" and self.use_every and (value := _number(text)) and value > 0:
             found.every = value
-        elif tag in ("SampleTime", "SampleFrequency") and not found.sample_time and (value := _number(text)) and value > 0:
-            found.sample_time = value if tag == "SampleTime" else 1 / value
+        elif tag == "DiscreteID":
+            self.names = labels(text)[:1]
+        elif tag == "TimeInterval" and (value := _number(text)) and value > 0:
+            found.sample_times.update(dict.fromkeys(self.names, value))
 
     def _experiment(self, found: EmxFile, tag: str, text: str) -> None:
         parent = self.path[-2] if len(self.path) > 1 else ""
@@ -135,6 +139,20 @@ def _refused(path: Path, line: int, code: str, why: str) -> ModelError:
     return ModelError([Problem(code, f"'{path.name}' is not read: {why}", Place(path.name, max(1, line)))])
 
 
+def _well_encoded(content: bytes) -> bytes:
+    """The content without control characters, and as UTF-8 where it says so and is not: 20-sim copies texts of icons in the
+    code page of Windows, such as letters of a symbol font, into files that it declares as UTF-8."""
+    head = content[:200].lower()
+    if content[:2] in UTF_16 or (b"encoding" in head and b"utf-8" not in head):
+        return content
+    content = content.translate(CONTROL)
+    try:
+        content.decode("utf-8")
+    except UnicodeDecodeError:
+        return content.decode("cp1252", "replace").encode()
+    return content
+
+
 def read_emx(path: Path) -> EmxFile:
     """Read a file; raises ModelError for what is no .emx file, for document types and entities, and beyond the limits."""
     if path.stat().st_size > MOST_BYTES:
@@ -150,7 +168,7 @@ def read_emx(path: Path) -> EmxFile:
                        "which a 20-sim model does not")
 
     parser.StartDoctypeDeclHandler, parser.EntityDeclHandler = refuse, refuse
-    content = path.read_bytes()
+    content = _well_encoded(path.read_bytes())
     try:
         parser.Parse(content, True)
     except (expat.ExpatError, ValueError) as error:

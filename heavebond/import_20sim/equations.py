@@ -23,6 +23,7 @@ from heavebond.import_20sim.choices import (
     at_event,
     at_start,
     begun,
+    between_events,
     former,
     keeps,
     leaves,
@@ -39,6 +40,7 @@ from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.knots import collected, knot_equations, knot_value, one_junction
 from heavebond.import_20sim.matrices import Matrix
 from heavebond.import_20sim.memory import Memory
+from heavebond.import_20sim.momentary import with_conditions_before
 from heavebond.import_20sim.names import camel, identifier
 from heavebond.import_20sim.passed_conditions import moves, passed
 from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, Statement, Submodel
@@ -75,6 +77,7 @@ class Builder(Execution):
         self.triggers: Env = {}  # variables that are events
         self.start: Env = {}  # what the initial equations assign
         self.assigned: Env = {}  # what the statements assign whose results are written now
+        self.momentary: Env = {}  # of these, what branches assign that end themselves
 
     def build(self) -> Component:
         """The component; what cannot be translated is listed in it."""
@@ -268,7 +271,7 @@ class Builder(Execution):
     def _pairs(self, left: Matrix, right: Matrix, comment: str = "") -> None:
         a, b = [e for row in left for e in row], [e for row in right for e in row]
         for k, (x, y) in enumerate(zip(a, b if len(b) == len(a) else b * len(a), strict=False)):
-            y = at_event(y, None)
+            y = between_events(y)
             sides = (x.args[0], f.negative(y)) if x.op == "negative" else (x, y)
             self.made.equations.append((*sides, "" if k else comment))
 
@@ -306,7 +309,11 @@ class Builder(Execution):
     def _constant_trigger(self, name: str) -> None:
         """A variable that is true at instants only is left out, or 0 where it is an output."""
         item = self.made.items.get(name)
-        if item is not None and item.kind == "out":
+        shared = name in self.made.gives
+        if shared:
+            why = f"the global event '{name}' is true at instants only; it is 0 elsewhere in the model"
+            self.memory.note(self.submodel.line, why)
+        if item is not None and (item.kind == "out" or shared):
             self.made.equations.append((f.name(name), f.number(0), "true at its events only"))
         elif item is not None:
             del self.made.items[name]
@@ -362,7 +369,8 @@ class Builder(Execution):
 
     # -- results -----------------------------------------------------------------------------------------------------
     def _results(self, env: Env, start: Env, written: set[str]) -> None:
-        self.assigned = env
+        self.momentary = with_conditions_before(env)
+        self.assigned = env = {**env, **self.momentary}
         for name, value in env.items():
             if self.triggers.get(name) != value:
                 self._code_result(name, value, start, written)
@@ -375,7 +383,7 @@ class Builder(Execution):
         item = self.made.items.get(name)
         if self.discrete and item is not None and item.kind in ("variable", "out"):
             value = self._of_last_sample(name, value, start)
-        between = at_event(value, None)
+        between = at_event(value, None) if keeps(value, name) else between_events(value)
         said = self.comment(self.labels.get(name, name))
         if item is None and name in self.targets and not keeps(value, name):
             self.made.equations.append((self.targets[name], between, said))
@@ -392,7 +400,7 @@ class Builder(Execution):
         if between.op not in ("if", "prev") and not triggers(value):
             raise Unreadable(self.submodel.line, AT_EVERY_STEP.format(name))
         found = leaves(between, Expr("prev", name=name))
-        if any(moves(self.made, leaf) for _, leaf in found):
+        if any(moves(self.made, leaf) for _, leaf in found) and name not in self.momentary:
             if not any(keeps(e, name) for pair in found for e in pair):
                 self._follows(name, item, between, found, start.get(name, f.number(0)), said)
                 return

@@ -80,7 +80,8 @@ def import_emx(path: Path, library: frozenset[str] = frozenset()) -> Imported:
         emx.within(identifier(path.stem))
         root = Submodel("model", root.line, submodels=[root])
     comments = tokenise(emx.sidops, path.name, emx.first_line).comments
-    translator = Translator(emx, comments, library, sampling(root))
+    translator = Translator(emx, comments, library, sampling(root, emx.sample_times))
+    translator.enter_texts(root)
     top = translator.block(root, "", "")
     if not top.parts:
         why = "the model has no submodels and no equations"
@@ -200,15 +201,20 @@ class _Writer:
 
     def _sample_time(self) -> None:
         """The sample time of the discrete parts, where there are any."""
-        found = self.emx.sample_time
+        stated = list(dict.fromkeys(self.emx.sample_times.values()))
+        told = False
         for path, made in self.translator.components:
             if made.shared.get(SAMPLE_TIME) != SAMPLE_TIME:
                 continue
-            if self.emx.sample_time is None and found is None:
-                found = ASSUMED_SAMPLE_TIME
-                self.result.untranslated.append(Untranslated(path, made.line, "the file states no sample time; "
-                                                             f"{found} s is used: set `{SAMPLE_TIME}` in the diagram"))
-            made.items[SAMPLE_TIME].value = found
+            item = made.items[SAMPLE_TIME]
+            if item.value is None and len(stated) != 1 and not told:
+                told, used = True, stated[0] if stated else ASSUMED_SAMPLE_TIME
+                self.result.untranslated.append(Untranslated(
+                    path, made.line, f"the file states no sample time{' of it' if stated else ''}; {used:g} s is used: set "
+                    f"`{SAMPLE_TIME}` in the diagram"))
+            item.value = item.value or (stated[0] if stated else ASSUMED_SAMPLE_TIME)
+            if stated and item.value != stated[0]:  # of another discrete system
+                made.shared[SAMPLE_TIME] = f"{SAMPLE_TIME}_{stated.index(item.value) + 1}"
 
     def _recognise(self, path: str, block: Block) -> None:
         """Use components of the library for those parts of a block that have their law."""
@@ -356,9 +362,11 @@ class _Writer:
             path = next((p for name in labels(plotted) if (p := name.replace("\\", ".")) in items), "")
             label = identifier(plotted.replace("\\", "_"))
             if path in items and label not in names:
-                item = items[path]
+                item, shown = items[path], renamed.get(path, path)
                 unit = item.unit if item.kind in ("variable", "held", "parameter") else ""
-                names[label] = mapping([("is", renamed.get(path, path)), ("unit", unit or "1")])
+                if label in self.top.nodes and shown not in self.top.nodes[label]:  # what its signal was at the last sample
+                    label = f"{label}_sampled"
+                names[label] = mapping([("is", shown), ("unit", unit or "1")])
             port, _, member = plotted.rpartition(".")
             port = ".".join(identifier(word) for word in port.split("\\"))
             if port in bonds and label not in names and member in (*EFFORTS, *FLOWS):  # of a port: p.e, p.f, p.u ...

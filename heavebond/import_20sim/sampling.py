@@ -2,15 +2,17 @@
 
 Discrete equations act at the samples only. A submodel is discrete where it calls `sample`, `previous`, `next`, `dint` or
 `ddif`, or computes from discrete signals alone. Between the samples its signals keep their values: a continuous submodel
-that takes one takes what it was at the last sample, with or without a `hold`.
+that takes one takes what it was at the last sample, with or without a `hold`. Discrete submodels that signals connect are
+one discrete system, with one sample time, which the experiment states beside one of its quantities.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from heavebond.import_20sim.assignments import calls
+from heavebond.import_20sim.names import identifier
 from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, For, If, Statement, Submodel, While
 
 DISCRETE = {"sample", "previous", "next", "dint", "ddif"}
@@ -21,10 +23,12 @@ End = tuple[int, str]  # a submodel by its identity, and its port
 
 @dataclass
 class Sampling:
-    """The discrete submodels by their identity, and of continuous ones the inputs that are held between samples."""
+    """The discrete submodels by their identity, of continuous ones the inputs that are held between samples, and the sample
+    times in s of submodels whose discrete system has one."""
 
     discrete: set[int] = field(default_factory=set)
     held: dict[int, set[str]] = field(default_factory=dict)
+    times: dict[int, float] = field(default_factory=dict)
 
 
 def _expressions(statements: Iterable[Statement]) -> Iterator[Expr]:
@@ -48,14 +52,16 @@ class _Graph:
 
     def __init__(self, root: Submodel):
         self.leaves: dict[int, Submodel] = {}
+        self.paths: dict[str, int] = {}  # `a\\b` to the submodel of equations
         self.feeds: dict[End, list[End]] = {}
-        self._enter(root)
+        self._enter(root, "")
         self.calls = {k: self._called(leaf) for k, leaf in self.leaves.items()}
 
-    def _enter(self, block: Submodel) -> None:
+    def _enter(self, block: Submodel, path: str) -> None:
         parts = {part.name: part for part in block.submodels}
         if block.equations is not None:
             self.leaves[id(block)] = block
+            self.paths[path] = id(block)
         for connection in block.connections:
             if connection.bond:
                 continue
@@ -63,7 +69,7 @@ class _Graph:
                            (end.rpartition("\\") for end in (connection.start, connection.stop)))
             self.feeds.setdefault(stop, []).append(start)
         for part in block.submodels:
-            self._enter(part)
+            self._enter(part, f"{path}\\{identifier(part.name)}" if path else identifier(part.name))
 
     @staticmethod
     def _called(leaf: Submodel) -> set[str]:
@@ -99,8 +105,8 @@ class _Graph:
         return bool(written) and all(e.op == "call" and e.name.lower() == "hold" for e in written)
 
 
-def sampling(root: Submodel) -> Sampling:
-    """What is discrete in a model."""
+def sampling(root: Submodel, sample_times: Mapping[str, float]) -> Sampling:
+    """What is discrete in a model, with the sample times in s of its discrete systems, each by the name of a quantity."""
     graph, found = _Graph(root), Sampling()
     inputs = {leaf: graph.inputs(leaf) for leaf in graph.leaves}
     found.discrete = {leaf for leaf, called in graph.calls.items() if called & DISCRETE and not graph.continuous(leaf)}
@@ -126,7 +132,32 @@ def sampling(root: Submodel) -> Sampling:
             held = {name for name, sources in inputs[leaf].items() if any(discrete(s) for s in sources)}
             if held:
                 found.held[leaf] = held
+    found.times = _times(graph, inputs, found, sample_times)
     return found
+
+
+def _times(graph: _Graph, inputs: Mapping[int, Mapping[str, list[End]]], found: Sampling, stated: Mapping[str, float]
+           ) -> dict[int, float]:
+    """The sample times that reach a submodel from a stated one through the signals of a discrete system."""
+    acts = {leaf for leaf, called in graph.calls.items() if leaf in found.discrete or called & (DISCRETE | {"hold"})}
+    beside: dict[int, set[int]] = {leaf: set() for leaf in graph.leaves}
+    for leaf, named in inputs.items():
+        for sources in named.values():
+            for source, _ in sources:
+                if leaf in acts and source in acts:
+                    beside[leaf].add(source)
+                    beside[source].add(leaf)
+    times: dict[int, float] = {}
+    for name, time in stated.items():
+        first = graph.paths.get(name.rpartition("\\")[0])
+        front = [] if first is None or first in times else [first]
+        while front:
+            times[now := front.pop()] = time
+            front += [other for other in beside[now] if other not in times]
+    for leaf, held in found.held.items():  # continuous ones that take its signals
+        own = [times[source] for name in held for source, _ in inputs[leaf][name] if source in times]
+        times.update({leaf: own[0]} if own and leaf not in times else {})
+    return times
 
 
 def _ends_in(graph: _Graph, inputs: dict[int, dict[str, list[End]]], leaf: int, discrete: set[int]) -> bool:

@@ -11,12 +11,13 @@ TOKENS = re.compile(r"""
     (?P<space>[ \t\r\f\v\ufeff]+) | (?P<newline>\n)
   | (?P<comment>//[^\n]*?(?=implementation_end;|\n|\Z)|/\*.*?\*/)
   | (?P<string>'[^']*'|"[^"]*")
-  | (?P<number>[0-9]+\.?[0-9]*(?:[eE][+-]?[0-9]+)?|\.[0-9]+(?:[eE][+-]?[0-9]+)?)
+  | (?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+|(?P<prefix>[afpnumkMGTP])(?!\w))?)
   | (?P<unit>\{[^{}\n]*\})
   | (?P<name>[^\W0-9]\w*(?:[.\\][^\W0-9]\w*)*)
   | (?P<sign>\|(?:=>|<=|->|<-)|(?:=>|<=|->|<-)\||<=|>=|<>|==|!=|->|<-|=>|\.\*|\./|\.\^|.)
 """, re.VERBOSE | re.DOTALL)
 MOST_TOKENS = 2_000_000
+PREFIXES = {"a": -18, "f": -15, "p": -12, "n": -9, "u": -6, "m": -3, "k": 3, "M": 6, "G": 9, "T": 12, "P": 15}
 TEMPLATE = re.compile(r"equation submodel$|enter your? equations here|start typing here|20-sim linear system editor",
                       re.IGNORECASE)  # what 20-sim itself writes
 ENDS = {"end", "else", "implementation_end"}  # a comment before these says nothing of what follows
@@ -57,6 +58,8 @@ def tokenise(text: str, file: str, first_line: int) -> Lexed:
         found = TOKENS.match(text, position)
         assert found is not None  # any character is a sign at least
         kind, word = found.lastgroup or "", found.group()
+        if found["prefix"]:  # 0.5m is 0.5e-3
+            word = f"{word[:-1]}e{PREFIXES[found['prefix']]}"
         if kind == "comment":
             if tokens and tokens[-1].line == line:
                 beside[line] = " ".join(word.strip("/*").split())

@@ -92,10 +92,11 @@ class StateChoice:
         return np.array(self._values(*columns)).reshape(len(self.constraints.entries), columns[0].shape[1])
 
     def strain(self, columns: Sequence[Array]) -> ChoiceCondition:
-        """How near this chart is to its end at points given by columns."""
+        """How near this chart is to its end at points given by columns; a chart without parts has none."""
         numbers = self.numbers(columns)
         found = [strain(part, numbers) for part in self.parts]
-        return ChoiceCondition(np.max([worst for worst, _ in found], axis=0), np.array([sign for _, sign in found]))
+        worst = np.array([worst for worst, _ in found]).reshape(len(found), numbers.shape[1])
+        return ChoiceCondition(worst.max(axis=0, initial=0.0), np.array([sign for _, sign in found]).reshape(worst.shape))
 
     def folded(self, point: Point) -> bool:
         """Whether the constraints themselves, in whatever states, are about to depend on each other at a point."""

@@ -1,0 +1,53 @@
+"""Branches of `code` that end themselves: `hit = time >= t_hit; if hit then t_hit = time + h; x = y; end`.
+
+Their condition holds at an instant only, because it reads, through other variables, what the branch assigns. What such a
+branch sets is held and set by an event, whose condition must be written in what was before the instant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from heavebond.import_20sim.choices import keeps, names, rebuilt, simplified
+from heavebond.import_20sim.sidops_tree import Expr
+
+
+def with_conditions_before(values: Mapping[str, Expr]) -> dict[str, Expr]:
+    """The values that branches assign which end themselves, by variable, with their conditions written out in what the
+    variables were before. A variable on which its own condition depends through others was read before it was assigned."""
+    flags: dict[str, Expr] = {}
+    for name, value in values.items():
+        if value.op == "if" and keeps(value, name):
+            read = {n for c in _conditions(value) if not keeps(c, name) for n in _reached(c, values)}
+            flags |= {n: values[n] for n in read if n in values and n != name and name in _reached(values[n], values)}
+
+    def written_out(expr: Expr) -> Expr:
+        if expr.op == "name" and expr.name in flags:
+            return flags[expr.name]
+        return rebuilt(expr, written_out) if expr.args else expr
+
+    def change(expr: Expr) -> Expr:
+        if expr.op != "if":
+            return expr
+        return Expr("if", (written_out(expr.args[0]), *map(change, expr.args[1:])), line=expr.line)
+
+    found = {name: change(value) for name, value in values.items() if name not in flags} if flags else {}
+    return {name: simplified(value) for name, value in found.items() if value != values[name]}
+
+
+def _conditions(value: Expr) -> Iterator[Expr]:
+    if value.op == "if":
+        yield value.args[0]
+        for branch in value.args[1:]:
+            yield from _conditions(branch)
+
+
+def _reached(expr: Expr, values: Mapping[str, Expr]) -> set[str]:
+    """The variables on which an expression depends."""
+    found, front = set[str](), names(expr)
+    while front:
+        name = front.pop()
+        if name not in found:
+            found.add(name)
+            front += names(values[name]) if name in values and not keeps(values[name], name) else []
+    return found
