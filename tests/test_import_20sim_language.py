@@ -427,3 +427,26 @@ def test_numbers_with_a_prefix(tmp_path: Path) -> None:
     own = files["components/own.yaml"]
     assert "La: {unit: H, default: 0.000161 H}" in own and "R: {unit: ohm, default: 2000 ohm}" in own
     assert "C: {unit: F, default: 5e-07 F}" in own and "T: {unit: s, default: 0.005 s}" in own and "+ 3000000" in own
+
+
+def test_what_an_encoder_samples_is_held(tmp_path: Path) -> None:
+    """A submodel with a bond, an integral and a sample: its count changes at the samples only, its angle does not."""
+    parts = (part("Turn", "power out p", "equations\n p.f = 10;")
+             + part("Follow", "signal in u; signal in w; signal out y", "equations\n y = int (u - w);")
+             + part("Encoder", "power in p; signal out count; signal out angle", """variables
+ real s, q;
+equations
+ p.e = 0;
+ angle = int (p.f);
+ s = sample (angle);
+ if s < 0 then q = s - 0.5; else q = s + 0.5; end;
+ count = q - (q mod 1);"""))
+    experiment = ("<DiscreteSystem><DiscreteID>Encoder\\s</DiscreteID><TimeInterval>0.5</TimeInterval></DiscreteSystem>"
+                  "<Curve><YCurveData><VarName>Encoder\\count</VarName></YCurveData></Curve>")
+    run = imported(tmp_path, parts, "Turn\\p => Encoder\\p; Encoder\\count -> Follow\\u; Encoder\\angle -> Follow\\w", 2.0,
+                   experiment)
+    held = 10 * np.floor(run.time / 0.5 + 1e-9) * 0.5
+    inside = np.abs(run.time / 0.5 - np.round(run.time / 0.5)) > 0.01
+    assert run["Encoder_count_sampled"][inside] == pytest.approx(held[inside])
+    # the integral of what is held less that of the angle: 5 * 0.5 * k - 5 t**2 over whole samples
+    assert run["Follow.y"][-1] == pytest.approx(0.5 * (0 + 5 + 10 + 15) - 5 * 2**2, abs=1e-6)

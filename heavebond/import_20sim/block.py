@@ -183,8 +183,9 @@ class Translator:
                               label[len(prefix):] for name in self.emx.plotted for label in labels(name)
                               if label.startswith(prefix)])
         made = builder.build()
-        if id(submodel) in self.sampling.discrete and not made.untranslated:
-            self._show_samples(made, builder.memory, prefix)
+        sampled = None if id(submodel) in self.sampling.discrete else self.sampling.sampled.get(id(submodel), ())
+        if sampled != () and not made.untranslated:
+            self._show_samples(made, builder.memory, prefix, sampled)
         if computed is not None:
             made.untranslated.append((submodel.line, "its global relations compute something; only those of a submodel of "
                                       "submodels may"))
@@ -201,11 +202,12 @@ class Translator:
         self.components.append((new, made))
         return made
 
-    def _show_samples(self, made: Component, memory: Memory, prefix: str) -> None:
-        """Plotted variables of a discrete submodel keep their values between the samples."""
+    def _show_samples(self, made: Component, memory: Memory, prefix: str, sampled: Collection[str] | None) -> None:
+        """Plotted variables of a discrete submodel keep their values between the samples; `sampled` are those that do in one
+        with continuous parts."""
         for plotted in (label for name in self.emx.plotted for label in labels(name)):
             name = plotted[len(prefix):]
-            item = made.items.get(name) if plotted.startswith(prefix) else None
+            item = made.items.get(name) if plotted.startswith(prefix) and (sampled is None or name in sampled) else None
             if item is not None and item.kind in ("variable", "out", "held") and name not in made.shown:
                 made.shown[name] = memory.at_samples(f.name(name))
 

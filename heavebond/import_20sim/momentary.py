@@ -17,8 +17,9 @@ def with_conditions_before(values: Mapping[str, Expr]) -> dict[str, Expr]:
     variables were before. A variable on which its own condition depends through others was read before it was assigned."""
     flags: dict[str, Expr] = {}
     for name, value in values.items():
-        if value.op == "if" and keeps(value, name):
-            read = {n for c in _conditions(value) if not keeps(c, name) for n in _reached(c, values)}
+        conditions = list(_conditions(value))
+        if conditions and keeps(value, name) and not any(keeps(c, name) for c in conditions):
+            read = {n for c in conditions for n in _reached(c, values)}
             flags |= {n: values[n] for n in read if n in values and n != name and name in _reached(values[n], values)}
 
     def written_out(expr: Expr) -> Expr:

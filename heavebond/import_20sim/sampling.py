@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from heavebond.import_20sim.assignments import calls
+from heavebond.import_20sim.assignments import assigned, calls, mentioned
 from heavebond.import_20sim.names import identifier
 from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, For, If, Statement, Submodel, While
 
@@ -24,11 +24,13 @@ End = tuple[int, str]  # a submodel by its identity, and its port
 @dataclass
 class Sampling:
     """The discrete submodels by their identity, of continuous ones the inputs that are held between samples, and the sample
-    times in s of submodels whose discrete system has one."""
+    times in s of submodels whose discrete system has one. `sampled` are the quantities that change at samples only in
+    submodels with continuous parts too, such as the count of an encoder that integrates a speed."""
 
     discrete: set[int] = field(default_factory=set)
     held: dict[int, set[str]] = field(default_factory=dict)
     times: dict[int, float] = field(default_factory=dict)
+    sampled: dict[int, set[str]] = field(default_factory=dict)
 
 
 def _expressions(statements: Iterable[Statement]) -> Iterator[Expr]:
@@ -96,6 +98,26 @@ class _Graph:
         """Whether a submodel has states, events or bonds."""
         return bool(self.calls[leaf] & CONTINUOUS) or any(p.domain != "signal" for p in self.leaves[leaf].ports)
 
+    def sampled(self, leaf: int) -> set[str]:
+        """The quantities of a submodel with continuous parts that follow from its samples alone."""
+        equations = self.leaves[leaf].equations
+        assert equations is not None
+        statements = (*equations.equations, *equations.code)
+        known = {d.name for d in (*equations.constants, *equations.parameters, *self.leaves[leaf].parameters)} | {"pi"}
+        given: dict[str, list[tuple[set[str], set[str]]]] = {}
+        for statement in statements:
+            called = {name.lower() for e in _expressions([statement]) for name in calls(e)}
+            for label in assigned(statement):
+                given.setdefault(label, []).append((called, mentioned(statement) - set(assigned(statement)) - known))
+        found: set[str] = set()
+        size = -1
+        while size != len(found):
+            size = len(found)
+            found |= {label for label, ways in given.items() if all(
+                not called & (CONTINUOUS | {"hold"}) and (called & DISCRETE or (read and read <= found))
+                for called, read in ways)}
+        return found
+
     def holds(self, end: End) -> bool:
         """Whether an output is that of a `hold`."""
         equations = self.leaves[end[0]].equations
@@ -110,10 +132,13 @@ def sampling(root: Submodel, sample_times: Mapping[str, float]) -> Sampling:
     graph, found = _Graph(root), Sampling()
     inputs = {leaf: graph.inputs(leaf) for leaf in graph.leaves}
     found.discrete = {leaf for leaf, called in graph.calls.items() if called & DISCRETE and not graph.continuous(leaf)}
+    found.sampled = {leaf: own for leaf, called in graph.calls.items()
+                     if called & DISCRETE and graph.continuous(leaf) and (own := graph.sampled(leaf))}
     mixed: set[int] = set()  # algebraic, of discrete and continuous signals
 
     def discrete(source: End) -> bool:
-        return (source[0] in found.discrete or source[0] in mixed) and not graph.holds(source)
+        leaf, port = source
+        return (leaf in found.discrete or leaf in mixed or port in found.sampled.get(leaf, ())) and not graph.holds(source)
 
     plain = [leaf for leaf, called in graph.calls.items()
              if not graph.continuous(leaf) and not called & (DISCRETE | {"hold"})]
