@@ -197,6 +197,15 @@ def test_what_the_catalogue_lacks_is_a_shape(tmp_path: Path) -> None:
     assert said.shape.rung.chi2_held_out < 0.1 * said.ladder[1].chi2_held_out
 
 
+def test_a_gauge_that_reads_too_much_is_no_other_start(tmp_path: Path) -> None:
+    # it begins elsewhere than the diagram too, and starts of each record would leave hardly more than noise; but all records
+    # do so by the same 5 %
+    classes = ["line resistance", "sensor gain"]
+    said = found(tmp_path, "receiver", [("SensorGain in the channel receiver.p", 0.05)], classes)
+    assert said.verdict == "effect" and not said.started
+    assert said.findings[0].candidate.label == "SensorGain in the channel receiver.p"
+
+
 def test_where_the_largest_scores_mislead_everything_is_refitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # no score is trusted at all: what is refitted first is nothing
     monkeypatch.setattr(refit_schedule, "REFITS", 0)

@@ -96,9 +96,11 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     if files and found.partial:
         console.print(f"look at it: heavebond compare {files[-1]}", soft_wrap=True)
     elif files:
-        console.print(f"next: heavebond compare {files[-1]}; heavebond diagnose {files[-1]}", soft_wrap=True)
+        look = "fit" if found.started else "compare"  # a comparison would begin where the diagram does
+        console.print(f"next: heavebond {look} {files[-1]}; heavebond diagnose {files[-1]}", soft_wrap=True)
     elif found.verdict == "parameters":
-        console.print(f"next: heavebond fit {experiment} --write fitted.yaml", soft_wrap=True)
+        keep = f"keep the starts in {experiment} as said above, then " if found.started else ""
+        console.print(f"next: {keep}heavebond fit {experiment} --write fitted.yaml", soft_wrap=True)
     return {"experiment": given.name, **found.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
 
 

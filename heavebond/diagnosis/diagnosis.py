@@ -31,6 +31,7 @@ from heavebond.diagnosis.fixed_values import VALUE
 from heavebond.diagnosis.full_runs import at_fit, compared, first_entries, loaded
 from heavebond.diagnosis.further_effects import supported
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry
+from heavebond.diagnosis.own_starts import own_start_words, own_starts, started_entry
 from heavebond.diagnosis.probability import Event, Evidence, evidence, probabilities, stated
 from heavebond.diagnosis.ranking import as_dicts, entries
 from heavebond.diagnosis.refit import Refit
@@ -127,6 +128,11 @@ class Diagnosis:
         return stated(probabilities(self.evidence), [t.candidate.label for f in self.findings[:1] for t in f.alternatives])
 
     @property
+    def started(self) -> bool:
+        """Whether each record has a start of its own that was not free in the experiment."""
+        return self.fitted is not None and bool({*self.fitted.experiment.free} - {*self.experiment.free})
+
+    @property
     def last(self) -> Experiment:
         """The experiment on the last diagram of the ladder."""
         found = [*self.findings, *([self.shape] if self.shape is not None else [])]
@@ -182,6 +188,10 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
         raise KeyboardInterrupt
     if by_user or not ladder or (experiment.free and base is None):
         return _without_search(experiment, ladder, base, budget)
+    asked = experiment
+    started = budget.made(lambda: own_starts(asked, ladder[-1], min(FITTING * budget.seconds, budget.left()), say))
+    if started is not None:
+        experiment, base, ladder = started.experiment, started, [*ladder, started_entry(started)]
     grow([entry.as_dict() for entry in ladder])
     kept = _for_the_end(budget, base)
 
@@ -251,10 +261,10 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
             *(u.words for u in reversed(unsupported) if said not in ("effect", "one_of", "parameters")),
             *residual_notes(said, rest, come.steps),
             *lost_candidates(come.steps), *closed_loops(ladder[0].comparison),
-            *wrong_starts(said, rungs[-1].comparison),
+            *own_start_words(asked, base, found[-1].fit if found else base), *wrong_starts(said, rungs[-1].comparison),
             *so_far(come.steps, come.untried),
             *search_limits(classes, cut(part, experiment), confirming.shorter))
-    return Diagnosis(experiment, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
+    return Diagnosis(asked, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
                      _noise(ladder[0].comparison), budget.spent, apart, part, adequate, come.untried, rest,
                      evidence(come.steps[0], come.fixed, sheet_p_value(base)), bool(classes))
 

@@ -14,7 +14,8 @@ from heavebond.core.units import read_unit
 from heavebond.core.writable import make_folder, why_unwritable
 from heavebond.diagnosis.experiment_design import Separation
 from heavebond.diagnosis.ladder import AddedEffect
-from heavebond.estimation.change import block, quoted
+from heavebond.diagnosis.own_starts import INITIAL, free_text
+from heavebond.estimation.change import Change, block, quoted
 from heavebond.estimation.diagram_files import extended_from, fitted_values, quantity, span, write, write_new
 from heavebond.estimation.experiment import FIXED, Experiment, load_experiment
 from heavebond.language.library import bundled
@@ -27,16 +28,22 @@ def finding_files(finding: AddedEffect, before: Experiment, model: Path, experim
     """The texts of a diagram at `model` that extends the one of `before` with what was found, fitted values and all, and of
     the experiment on it at `experiment`, where what was added is free."""
     candidate = finding.candidate
-    own = {p.name: p for p in finding.parameters}
-    units = {name: read_unit(readable_unit(p.unit, p.value)) for name, p in own.items()}
-    fitted, _ = fitted_values(replace(finding.fit, parameters=tuple(p for p in finding.fit.parameters if p.name not in own)))
+    sought = {p.name: p for p in finding.parameters}
+    units = {name: read_unit(readable_unit(p.unit, p.value)) for name, p in sought.items()}
+    others = tuple(p for p in finding.fit.parameters if p.name not in sought)
+    fitted, _ = fitted_values(replace(finding.fit, parameters=others))
     change = candidate.change.joined(fitted).with_values(
-        {name: quantity(p.value, units[name]) for name, p in own.items()})
+        {name: quantity(p.value, units[name]) for name, p in sought.items()})
     said = f"{before.model.name} with {candidate.kind} {candidate.place}."
+    own = {name: f for name, f in finding.fit.experiment.free.items() if f.each and name not in before.free}
+    begun = {p.name: quantity(p.before, own[p.name].range.unit) for p in finding.fit.parameters if p.name in own}
+    change = Change(initial={state: text for name, text in begun.items()  # what is free needs a value in the diagram
+                             if (state := name.removeprefix(INITIAL)) not in before.model.initial.conditions}).joined(change)
     diagram = change.diagram(model.stem, said, extended_from(model, before.model.path))
     free = {name: span(p, units[name], name in {n.name for n in candidate.numbers if n.amplitude})
-            for name, p in own.items()}
+            for name, p in sought.items()}
     free.update({name: FIXED for name in before.free if name not in finding.fit.experiment.free})
+    free.update({name: free_text(f) for name, f in own.items()})
     lines = [f"experiment: {quoted(f'{before.name}, with {candidate.kind} {candidate.place}')}",
              f"extends: {quoted(extended_from(experiment, before.path))}",
              f"model: {quoted(extended_from(experiment, model))}",

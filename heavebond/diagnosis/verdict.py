@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
+from itertools import takewhile
 
 from heavebond.core.errors import listing
 from heavebond.core.presentation import number, readable
@@ -52,7 +53,7 @@ def is_adequate(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]) 
         return _held(last) <= DECISION.near
     if is_noise(last.chi2_fit, last.chi2_held_out, last.samples_held_out):
         return True
-    first = min(_held(r) for r in ladder[:2] if r is not findings[0].rung)
+    first = min(_held(r) for r in takewhile(lambda r: r is not findings[0].rung, ladder))
     return len(findings) == 1 and near_noise(last) and _gone(first, _held(last)) >= DECISION.mainly
 
 
@@ -101,7 +102,7 @@ def _still(rung: LadderEntry) -> bool:
 
 def _astray(ladder: Sequence[LadderEntry]) -> bool:
     """Whether what was fitted shows no more than noise, but what was not does: too little was fitted to see more."""
-    best = min(ladder[:2], key=_held)
+    best = min(ladder, key=_held)
     return _held(best) > DECISION.near * max(1.0, best.chi2_fit)
 
 
@@ -397,7 +398,7 @@ def _undetermined(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]
         return "No conclusion yet: the search was ended early." + (f" Best so far: {near}." if near else "")
     if not steps[0].left.significant and not _still(ladder[0]):
         return "Not decided by these records: the residual of the fitted records is noise, but on held-out " \
-            f"data the reduced chi-square is {number(min(map(_held, ladder[:2])), 3)}. The missing effect does not show " \
+            f"data the reduced chi-square is {number(min(map(_held, ladder)), 3)}. The missing effect does not show " \
             "where the model is fitted; give a longer or more exciting record `use: fit`."
     if not steps[0].left.significant:
         return "Not decided by these records: no channel moves by more than a few times its noise."

@@ -117,7 +117,8 @@ class RecordComparison:
     """All channels of one record. `validate` is the held-out part of the record, where the experiment has no validation
     record, else None; `notes` are remarks on the interpretation of the values; `doubtful` are channels whose unit, sign or
     time seems to differ from that in the experiment; `starts` are those of the notes that tell of a state which begins
-    elsewhere in the record, `feedback` those on inputs that follow from outputs."""
+    elsewhere in the record, `feedback` those on inputs that follow from outputs; `elsewhere` are the channels of which
+    `starts` tell."""
 
     name: str
     use: str
@@ -129,6 +130,7 @@ class RecordComparison:
     doubtful: frozenset[str] = frozenset()
     starts: tuple[str, ...] = ()
     feedback: tuple[str, ...] = ()
+    elsewhere: tuple[str, ...] = ()
 
     @property
     def normalised(self) -> float:
@@ -257,13 +259,14 @@ def compare_record(experiment: Experiment, record: Record,
         c.name: _slips(c, measured.channels[c.name].output, measured.declared.get(c.name)) for c in fitted.values()}
     steady = result.assembly.model.initial.mode == "steady"
     states = [fitted[name] for name in _states(result.assembly, experiment) if not slips.get(name)]
-    starts = _starts(measured, states, steady)
+    elsewhere = _elsewhere(measured, states)
+    starts = tuple(_start_note(c, measured.channels[c.name].output, steady) for c in elsewhere)
     closed = closed_loops(experiment, record, {c.name: (c.time, c.measured, c.model) for c in fitted.values()})
     notes = (*_notes(measured, fitted, slips, held_inputs), *starts, *noise_notes(experiment, measured), *closed,
              *changes_of(result, states=False))
     doubtful = frozenset(fitted) - {name for name, told in slips.items() if not told and name not in measured.declared}
     return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, notes, doubtful, starts,
-                            closed)
+                            closed, tuple(c.name for c in elsewhere))
 
 
 def _states(assembly: Assembly, experiment: Experiment) -> list[str]:
@@ -274,15 +277,15 @@ def _states(assembly: Assembly, experiment: Experiment) -> list[str]:
             if ca.depends_on(formula, x) and not ca.depends_on(formula, ca.veccat(t, z, p, u))]
 
 
-def _starts(measured: Measured, states: Sequence[Channel], steady: bool) -> tuple[str, ...]:
-    """A note for each of the channels that at the first instant of the record is not what it is in the model."""
+def _elsewhere(measured: Measured, states: Sequence[Channel]) -> list[Channel]:
+    """The channels that at the first instant of the record are not what they are in the model."""
     if measured.time_suspect:
-        return ()
-    return tuple(_start_note(c, measured.channels[c.name].output, steady) for c in states
-                 if c.time[0] <= measured.grid[0] and c.name not in measured.declared
-                 and not (c.outlier[0] and measured.channels[c.name].output.drop_outliers)
-                 and not (c.late is not None and c.late.noticeable and c.late.explains(c.noise))
-                 and abs(c.measured[0] - c.model[0]) > _ELSEWHERE * max(c.noise, c.step))
+        return []
+    return [c for c in states
+            if c.time[0] <= measured.grid[0] and c.name not in measured.declared
+            and not (c.outlier[0] and measured.channels[c.name].output.drop_outliers)
+            and not (c.late is not None and c.late.noticeable and c.late.explains(c.noise))
+            and abs(c.measured[0] - c.model[0]) > _ELSEWHERE * max(c.noise, c.step)]
 
 
 def _start_note(channel: Channel, output: Output, steady: bool) -> str:

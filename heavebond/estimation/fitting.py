@@ -42,6 +42,7 @@ from heavebond.numerics.run_verdict import report_verdict as hear
 from heavebond.numerics.simulation import unfilled
 
 NORMAL_95 = 1.959963984540054
+OWN_STARTS = 6  # points from the best of which the values of a held-out record of its own are estimated
 
 
 @dataclass(frozen=True)
@@ -300,7 +301,9 @@ def own_values(experiment: Experiment, record: Record, values: Mapping[str, floa
     pinned = experiment.model.with_parameters({k: v for k, v in values.items() if not k.startswith("initial.")})
     try:
         problem = Residuals(replace(experiment, model=pinned, free=own), [short])
-        best = problem.minimise(problem.start, False, lambda text: None)
+        # the diagram may hold what another record began with: from there friction may keep a search in another valley
+        start = min(problem.starting_points(OWN_STARTS, 0), key=problem.cost)
+        best = problem.minimise(start, False, lambda text: None)
     except HeavebondError:
         return OwnValues({}, max(ends) - found.grid[0])
     return OwnValues(problem.values_of(best.x, record.name), max(ends) - found.grid[0])
