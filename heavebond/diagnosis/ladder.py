@@ -153,6 +153,8 @@ def _limited(p: Fitted, course: Array) -> Fitted:
 def parameter_description(fit: Fit, name: str) -> str:
     """What the component says that a fitted parameter is; empty for an initial value or where it says nothing."""
     path, _, own = name.rpartition(".")
+    if not path:
+        return "parameter of the diagram"
     component = _component(fit, path)
     declared = component.parameters.get(own) if component is not None else None
     return declared.doc if declared is not None else ""

@@ -35,7 +35,7 @@ from heavebond.estimation.comparison import Comparison, RecordComparison, compar
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile, Free, Record, load_experiment
 from heavebond.estimation.identifiability import Identifiability, identifiability
 from heavebond.estimation.records import measure
-from heavebond.estimation.residuals import AT_END, BROKEN, Column, Descent, Residuals
+from heavebond.estimation.residuals import AT_END, Column, Descent, Residuals
 from heavebond.estimation.starts import Starts
 from heavebond.numerics.dae import Array
 from heavebond.numerics.run_verdict import report_verdict as hear
@@ -196,7 +196,7 @@ def fit(experiment: ExperimentOrFile, *, starts: int = 1, segments: int = 1, see
             runs = begun.lower(problem, runs, seed, say)
     costs = [2 * run.cost for run in runs]
     best = runs[int(np.argmin(costs))]
-    if 2 * best.cost / problem.samples >= 0.5 * BROKEN**2:
+    if problem.broken(best.x) >= 0.5:
         raise SimulationError([Problem("fit-broken", "the model could not be simulated anywhere near the start of the "
                                        "fit", None, f"{_filled_by_compare(problem)}"
                                        f"`heavebond compare {experiment.path.name}` tells where it stops. What "

@@ -27,8 +27,9 @@ from heavebond.numerics.quick_simulation import FitSimulator, Unexplained
 from heavebond.numerics.result import Probe
 from heavebond.numerics.simulator import Simulator, Tolerances
 
-# A run that breaks down counts as this many standard deviations at every sample: far worse than any run that ends.
-BROKEN = 1e4
+# A run that breaks down counts at every sample as this many standard deviations, or as this many times the range of what
+# was measured where that is more (a channel that moves a thousand times its noise): worse than any run worth a search.
+BROKEN, FAR = 1e4, 100.0
 # A parameter within this share of its range from an end of it stands there.
 AT_END = 1e-3
 # Runs of which the results are kept: a descent begins where another one ended, a few runs ago.
@@ -157,6 +158,13 @@ class Run:
     def _noise(self, which: NDArray[np.bool_]) -> Array:
         """The noise of each of these samples (n,)."""
         return self.noise[which]
+
+    @cached_property
+    def broken(self) -> Array:
+        """The residuals (n,) of the samples that count where the run breaks down."""
+        moved = np.array([np.ptp(row[on]) if on.any() else 0.0 for row, on in zip(self.measured, self.counts, strict=True)])
+        level = np.maximum(BROKEN, FAR * moved[:, None] / self.noise)
+        return np.asarray(level[self.counts])
 
     @property
     def input_errors(self) -> Array:
@@ -312,6 +320,12 @@ class Residuals:
             return _broken(run)
         return (wrong, moved) if np.all(np.isfinite(wrong)) and np.all(np.isfinite(moved)) else _broken(run)
 
+    def broken(self, inner: Array) -> float:
+        """The share of the fitted samples in records whose runs break down."""
+        wrong = self.evaluate(inner)[0]
+        whole = np.concatenate([run.broken for run in self.runs])
+        return float(np.mean(np.abs(wrong) >= whole))
+
     def cost(self, inner: Array, most: float = np.inf) -> float:
         """The sum of squares of data and priors, by runs without sensitivities; infinite where it is above `most`."""
         prior, allowed = self.priors(inner)[0], self.allowed(inner)
@@ -442,8 +456,7 @@ class Exceeded(Exception):
 
 def _broken(run: Run) -> tuple[Array, Array]:
     """Residuals and derivatives of a run that breaks down."""
-    size = int(run.counts.sum())
-    return np.full(size, BROKEN), np.zeros((len(run.names), size))
+    return run.broken, np.zeros((len(run.names), len(run.broken)))
 
 
 class _Enough(Exception):
