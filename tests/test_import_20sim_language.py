@@ -412,8 +412,9 @@ code
     assert at(run, "mean", 0.5, 2) == pytest.approx([3, 3]) and at(run, "y", 0, 1) == [3, 3]
 
 
-def test_a_global_event_is_listed_and_does_not_stop_the_import(tmp_path: Path) -> None:
-    text = one_part("variables\n boolean global landed ('event');\nequations\n y = time;\n landed = eventup (y - 1);", "y")
+@pytest.mark.parametrize("section", ["equations", "code"])
+def test_a_global_event_is_listed_and_does_not_stop_the_import(tmp_path: Path, section: str) -> None:
+    text = one_part(f"variables\n boolean global landed ('event');\n{section}\n y = time;\n landed = eventup (y - 1);", "y")
     (tmp_path / "cart.emx").write_text(text)
     made = import_emx(tmp_path / "cart.emx", frozenset(library().names()))
     assert [u.reason for u in made.untranslated] == ["the global event 'landed' is true at instants only; it is 0 elsewhere "

@@ -393,7 +393,7 @@ class Builder(Execution):
             return
         if not keeps(value, name):
             if triggers(value) and between == f.number(0) and item.kind == "variable":
-                del self.made.items[name]
+                self._constant_trigger(name)
             else:
                 self.made.equations.append((f.name(name), between, said))
             return
