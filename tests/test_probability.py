@@ -34,6 +34,7 @@ from heavebond.diagnosis.probability import (
     stated,
 )
 from heavebond.diagnosis.refit import Refit
+from heavebond.diagnosis.residual_tests import ResidualTests
 
 FRICTION = Event("dry friction", 0.0, "between bed and slide", ("bed", "slide"), ("CoulombFriction between bed and slide",))
 DRAG = Event("quadratic damping", 0.0, "between bed and slide", ("bed", "slide"), ("Drag between bed and slide",))
@@ -66,6 +67,19 @@ def test_probabilities_follow_from_the_weights_and_the_tests() -> None:
     assert of(known(left=1e9))[OUTSIDE] == pytest.approx(0.98 * (odds := 0.25 * 2**(1 / 0.75)) / (1 + odds))  # no more
     still = of(replace(known(missing=1.0, sheet=1.0), effects=(), weights={}, left=1.0))
     assert still[NOTHING] == pytest.approx(0.98 * (5 / 6) ** 2) and still[PARAMETERS] == pytest.approx(0.98 * 5 / 36)
+
+
+def test_an_effect_that_is_found_beside_the_first_is_no_sign_of_a_law_outside(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is left is counted after all steps."""
+    def step(left: float | None) -> Any:
+        chosen = SimpleNamespace(errors=True, left=left) if left is not None else None
+        return SimpleNamespace(trials=(), errors=None, left=ResidualTests(1, 1, 1, 0), chosen=chosen)
+
+    monkeypatch.setattr(probability, "loss", lambda trial: trial.left)
+    assert probability.evidence([step(40.0)]).left == 1  # of the first, trials that were refitted count
+    assert probability.evidence([step(40.0), step(7.0)]).left == 7
+    assert probability.evidence([step(40.0), step(7.0), step(0.9)]).left == 1
+    assert probability.evidence([step(40.0), step(7.0), step(None)]).left == 7
 
 
 def test_a_law_that_only_refines_a_simpler_one_counts_with_it() -> None:

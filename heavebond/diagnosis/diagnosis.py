@@ -266,7 +266,7 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
             *search_limits(classes, cut(part, experiment), confirming.shorter))
     return Diagnosis(asked, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
                      _noise(ladder[0].comparison), budget.spent, apart, part, adequate, come.untried, rest,
-                     evidence(come.steps[0], come.fixed, sheet_p_value(base)), bool(classes))
+                     evidence(come.steps, come.fixed, sheet_p_value(base)), bool(classes))
 
 
 def _first_entries(experiment: Experiment, budget: Budget, say: Progress

@@ -126,9 +126,11 @@ class Evidence:
                    *(float(str(kept[name])) for name in ("left", "missing", "sheet")))
 
 
-def evidence(made: Stage, values: Stage | None = None, sheet: float = 1.0) -> Evidence:
-    """The evidence of a step: its refits, those of other values of what is held fixed on the same records, and the p value
-    `sheet` of the hypothesis that the data sheet is right."""
+def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float = 1.0) -> Evidence:
+    """The evidence of a ladder: the refits of its first step, those of other values of what is held fixed on the same
+    records, and the p value `sheet` of the hypothesis that the data sheet is right. What the best leaves is what is left
+    after all steps: effects of the catalogue that were found beside the first are no sign of a law outside it."""
+    made = steps[0]
     others = [t for t in values.trials if t.candidate.kind == VALUE] if values is not None else []
     bins = len(made.errors.sums) if made.errors is not None else 0
     trials = [t for t in (*made.trials, *others) if t.errors is not None and len(t.errors.sums) == bins > 0]
@@ -138,7 +140,8 @@ def evidence(made: Stage, values: Stage | None = None, sheet: float = 1.0) -> Ev
                              if trial.candidate.kind != VALUE else trial.candidate.name), []).append(trial)
     alike = list(families.values())
     best = [min(family, key=loss) for family in alike]
-    left = max(1.0, min(map(loss, best), default=1.0))
+    later = [step.chosen for step in steps[1:] if step.chosen is not None and step.chosen.errors is not None]
+    left = max(1.0, min(map(loss, [*best, *later]), default=1.0))
     return Evidence(*_weighted(alike, _to_simpler(alike, best, _weights(best), made), made), left,
                     factor_bound(_p_value(made.left)), factor_bound(sheet))
 
