@@ -157,7 +157,8 @@ def lookup(name: Name) -> Dimension:
 @pytest.mark.parametrize(("text", "unit"), [
     ("F*x", "N*m"), ("m*v**2/2", "N*m"), ("sqrt(x*x)", "m"), ("der(x)", "m/s"), ("x + 0", "m"), ("max(x, 0)", "m"),
     ("sin(x/x)", "1"), ("abs(F)", "N"), ("sign(F)", "1"), ("if_else(x > 0, v, 0)", "m/s"), ("smooth_sign(v, v)", "1"),
-    ("signed_sqrt(p, p)**2", "Pa"), ("n**n", "1"), ("sum(x*i for i in 1..3)", "m"), ("x**0.5*x**0.5", "m")])
+    ("signed_sqrt(p, p)**2", "Pa"), ("atan2(x, 0)", "1"), ("n**n", "1"), ("sum(x*i for i in 1..3)", "m"),
+    ("x**0.5*x**0.5", "m")])
 def test_dimension(text: str, unit: str) -> None:
     found = dimension(parse_formula(text, units=False), lookup)
     assert found is not None
@@ -168,6 +169,7 @@ def test_dimension(text: str, unit: str) -> None:
     ("x + v", 2, "'+' joins m and m/s"), ("x + 1", 2, "'+' joins m and a number without unit"),
     ("sin(x)", 4, "the argument of sin must be a number without unit; this is in m"),
     ("x**n", 1, "a base in m needs a plain number as exponent"), ("max(x, t)", 0, "max joins m and s"),
+    ("atan2(x, t)", 0, "atan2 joins m and s"),
     ("x*(x > 0)", 3, "a comparison is no number"), ("-(x > 0)", 2, "a comparison is no number"),
     ("x > v", 2, "'>' joins m and m/s"), ("if_else(x, 1, 2)", 8, "the first argument of if_else must be a comparison"),
     ("x > 0 and v", 10, "and, or, not must be a comparison"), ("x**1000", 3, "an exponent of 1000 gives no unit"),

@@ -379,7 +379,7 @@ code
   a[i] = F[i] / m[i];
   total = total + 0.5 * m[i] * v[i]^2;
  end;
- a[1] = a[1] - 9 * arctan2 (x[1], 1) + 0.2 * cosh (x[1]) - exp10 (-1);
+ a[1] = a[1] - 9 * arctan2 (x[1], 1) + arctan2 (0, x[1] - 9) + 0.2 * cosh (x[1]) - exp10 (-1);
  last = x[n];
  energy = sqrt (total);""")
     run = imported(tmp_path, parts, "", 3.0)
@@ -393,7 +393,7 @@ code
             f[i] += force
             f[i + 1] -= force
         a = f / m
-        a[0] += -9 * np.arctan2(x[0], 1) + 0.2 * np.cosh(x[0]) - 0.1
+        a[0] += -9 * np.arctan2(x[0], 1) + np.pi + 0.2 * np.cosh(x[0]) - 0.1
         return [*v, *a]
 
     s = solved(rate, [0.1, 0, 0, -0.05, 0, 0, 0, 0], run)

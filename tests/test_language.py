@@ -321,3 +321,18 @@ simulate: {until: 1 s}
     assert hb.simulate(model)["load.v"][-1] == pytest.approx(15)
     assert hb.simulate(model.with_parameters({"drive.k": -10}).with_parameters({"drive.k": 10}))["load.v"][-1] == \
         pytest.approx(7.5)
+
+
+def test_atan2_is_the_angle_of_a_point() -> None:
+    """Over a whole turn, and on the negative x axis, in a formula of parameters too."""
+    result = hb.simulate(hb.loads("""
+model: turning
+parameters: {r: 2 m, back: "=atan2(0 m, -1 m)"}
+components:
+  angle: {is: Gain, k: 1, u: "=atan2(r*sin(3*time/(1 s)), r*cos(3*time/(1 s)))"}
+show: {angle: {is: angle.y, unit: 1}, back: {is: back, unit: 1}}
+simulate: {until: 2 s, every: 10 ms}
+"""))
+    turned = 3 * result.time
+    assert result.display["angle"] == pytest.approx(np.arctan2(np.sin(turned), np.cos(turned)), abs=1e-14)
+    assert result.display["back"] == pytest.approx(np.pi, abs=1e-15)

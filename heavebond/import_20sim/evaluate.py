@@ -264,10 +264,8 @@ FUNCTIONS: dict[str, Callable[..., Expr]] = {
                                         Expr("/", (f.number(1), w)), f.number(0))),
     "sinh": lambda x: Expr("/", (Expr("-", (f.call("exp", x), f.call("exp", f.negative(x)))), f.number(2))),
     "cosh": lambda x: Expr("/", (f.add(f.call("exp", x), f.call("exp", f.negative(x))), f.number(2))),
-    "atan2": lambda y, x: f.multiply(f.number(2), f.call("atan", Expr("/", (y, f.add(f.call("sqrt", f.add(
-        Expr("^", (x, f.number(2))), Expr("^", (y, f.number(2))))), x))))),
+    **dict.fromkeys(("atan2", "arctan2"), lambda y, x: f.call("atan2", y, x)),
 }
-FUNCTIONS["arctan2"] = FUNCTIONS["atan2"]
 
 
 BITS: dict[str, Callable[..., int]] = {
@@ -349,6 +347,7 @@ FOLDED: dict[str, Callable[[float, float], float]] = {
     "not": lambda a, _: not a,
 }
 CALLS: dict[str, Callable[..., float]] = {
-    **{n: getattr(math, n) for n in ("sin", "cos", "tan", "tanh", "exp", "log", "sqrt", "asin", "acos", "atan", "floor")},
+    **{n: getattr(math, n) for n in ("sin", "cos", "tan", "tanh", "exp", "log", "sqrt", "asin", "acos", "atan", "atan2",
+                                     "floor")},
     "abs": abs, "min": min, "max": max, "sign": lambda x: (x > 0) - (x < 0),
 }

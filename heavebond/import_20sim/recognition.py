@@ -83,7 +83,8 @@ OPERATIONS: dict[str, Callable[[complex, complex], complex]] = {
 COMPARED: dict[str, Callable[[float, float], bool]] = {"<": operator.lt, "<=": operator.le, ">": operator.gt,
                                                        ">=": operator.ge, "==": operator.eq, "!=": operator.ne}
 REAL: dict[str, Callable[..., float]] = {"abs": abs, "min": min, "max": max, "sign": lambda x: float(np.sign(x)),
-                                         "floor": math.floor, "atan": math.atan, "asin": math.asin, "acos": math.acos}
+                                         "floor": math.floor, "atan": math.atan, "atan2": math.atan2, "asin": math.asin,
+                                         "acos": math.acos}
 ANALYTIC: dict[str, Callable[[complex], complex]] = {n: getattr(cmath, n) for n in (
     "sqrt", "exp", "log", "sin", "cos", "tan", "tanh")}
 

@@ -213,6 +213,8 @@ def _call(expr: Call, context: Context) -> ca.SX:
         return result
     if name == "if_else":
         return ca.if_else(args[0], args[1], args[2])
+    if name == "atan2":
+        return ca.atan2(args[0], args[1])
     if name == "smooth_sign":
         return ca.tanh(args[0] / args[1])
     assert name == "signed_sqrt"

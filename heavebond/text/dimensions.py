@@ -155,7 +155,7 @@ def _call(expr: Call, lookup: Lookup) -> Dimension | None:
     common: Dimension | None = first
     for arg in args[1:]:
         common = _same((args[0], common), (arg, number_dimension(arg, lookup)), name, expr.column)
-    if name == "smooth_sign":
+    if name in ("smooth_sign", "atan2"):
         return ONE
     if name == "signed_sqrt":
         return ANY if common is ANY else times(ONE, common, Fraction(1, 2))
