@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from threadpoolctl import threadpool_info
 
 import heavebond as hb
+from heavebond.estimation import comparison
 
 PLANT = """
 components:
@@ -87,6 +89,21 @@ def test_a_loop_that_is_treated_as_open_is_told_and_in_the_diagram_it_finds_the_
     (size,) = (p.value for p in found.findings[0].parameters if p.name.endswith(".F_c"))
     assert abs(size - 12.0) < 0.5
     assert not any("closed loop" in words for words in found.words)
+
+
+def test_a_comparison_computes_in_one_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Least squares of few columns, shared among threads, take eight times the processor time, on a busy computer more."""
+    used: list[int] = []
+
+    def watched(*given: object) -> tuple[str, ...]:
+        used.extend(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas")
+        return ()
+
+    servo(tmp_path)
+    (tmp_path / "open.yaml").write_text(OPEN, encoding="utf-8")
+    monkeypatch.setattr(comparison, "closed_loops", watched)
+    hb.compare(tmp_path / "open.yaml")
+    assert used and set(used) == {1}
 
 
 @pytest.mark.long

@@ -27,6 +27,7 @@ from heavebond.core.errors import (
 )
 from heavebond.core.presentation import brief, count, number, readable_time
 from heavebond.core.reporting import place, reporting
+from heavebond.core.threads import single_threaded
 from heavebond.core.units import Unit, check_turns, other_unit, read_unit
 from heavebond.estimation.change import quoted
 from heavebond.estimation.channel_noise import with_noise
@@ -195,6 +196,7 @@ class Comparison:
 
 
 @reporting
+@single_threaded
 def compare(experiment: ExperimentOrFile, *, parameters: Mapping[str, float | str] | None = None,
             progress: Callable[[str], None] | None = None) -> Comparison:
     """Simulate the diagram of an experiment with the measured inputs and compare it with the records.
