@@ -105,6 +105,40 @@ def test_repeat_follows_a_parameter(folder: Path) -> None:
     assert len(hb.assemble(longer).state_names) == 14
 
 
+def test_equal_parts_are_checked_together_and_told_one_by_one(folder: Path) -> None:
+    """Units and numbers of equal parts are found once: each has values of its own all the same, and an error for each."""
+    model = hb.loads(CHAIN, folder)
+    assembly = hb.assemble(model)
+    assert [assembly.parameter_values[f"seg_{k}.m"] for k in range(1, 5)] == [2.0] * 4
+    heavy = assembly.with_parameters({"seg_3.m": 5.0}).parameter_values
+    assert [heavy[f"seg_{k}.m"] for k in range(1, 5)] == [2.0, 2.0, 5.0, 2.0]
+    for wrong, code in (("=n*2 s", "unit-wrong"), ("=1 kg/(2 - 2)", "value-not-finite")):
+        with pytest.raises(hb.ModelError) as told:
+            hb.assemble(hb.loads(CHAIN.replace("m: 2 kg", f'm: "{wrong}"'), folder))
+        own = [problem.message for problem in told.value.problems if problem.code == code]
+        assert len(own) == 4 and all(any(f"seg_{k}.m" in message for message in own) for k in range(1, 5)), wrong
+
+
+def test_a_formula_that_vanishes_for_one_part_is_kept_for_its_like(folder: Path) -> None:
+    """`c: =k_1 - k_2` is nothing in the first of two equal blocks, where both are one parameter."""
+    (folder / "both.yaml").write_text(SEGMENT.replace("component: Segment", "component: Both").replace(
+        "  c: {unit: N/m, min: 0, doc: stiffness}", "  k_1: {unit: N/m, doc: one}\n  k_2: {unit: N/m, doc: other}").replace(
+        "c: =c", "c: =k_1 - k_2"), encoding="utf-8")
+    text = CHAIN.replace("parameters: {n: 4}", "parameters: {p: 700 N/m, q: 200 N/m}").replace(
+        "  seg:  {is: Segment, repeat: =n, m: 2 kg, c: 500 N/m}",
+        "  none: {is: Both, m: 2 kg, k_1: =p, k_2: =p}\n  seg: {is: Both, m: 2 kg, k_1: =p, k_2: =q}").replace(
+        "[seg.b]", "[seg.b, none.b]").replace("[wall.a, seg.a]", "[wall.a, seg.a, none.a]")
+    flat = hb.assemble(hb.loads(text, folder)).flat
+    assert str(flat.constants["seg.spring.c"]) == "(p-q)" and str(flat.constants["none.spring.c"]) == "none.spring.c"
+
+
+def test_a_derivative_that_no_symbol_stands_for_is_refused(folder: Path) -> None:
+    """It was taken for zero."""
+    text = CHAIN.replace("simulate:", 'show: {jerk: {is: "der(der(der(end.v)))", unit: m/s**4}}\nsimulate:')
+    with pytest.raises(hb.UsageError, match="derivatives of a variable are not available"):
+        hb.simulate(hb.loads(text, folder))["jerk"]
+
+
 def test_arrays_of_generic_ports(folder: Path) -> None:
     """Three resistances meet at a 0-junction: the pressure there is that of a divider of conductances."""
     result = hb.simulate(hb.loads("""

@@ -88,14 +88,14 @@ def _share_out(residuals: Sequence[ca.SX], blocks: Sequence[_Block]) -> None:
 class BlockSolver:
     """Solves block after block; collects definitions in the order in which they can be evaluated."""
 
-    def __init__(self, flat: Flat, rows: Sequence[Row], unknown: Sequence[Column], residuals: Sequence[ca.SX],
-                 symbols: Sequence[ca.SX], entries: Sequence[Sequence[tuple[int, int]]], constants: set[int],
+    def __init__(self, flat: Flat, rows: Sequence[Row], unknown: Sequence[Column], residuals: ca.SX,
+                 symbols: ca.SX, entries: Sequence[Sequence[tuple[int, int]]], constants: set[int],
                  numbers: Callable[[ca.SX], Array]):
         """`residuals` are those of the rows, `symbols` those of the unknowns; `entries` gives the unknowns in each row and
         the kinds of their coefficients, `constants` the hashes of symbols, `numbers` values of expressions in parameters."""
         self.flat, self.rows, self.unknown, self.entries = flat, rows, unknown, entries
         self.residuals, self.symbols, self.constants, self.numbers = residuals, symbols, constants, numbers
-        self.defined: list[ca.SX] = []
+        self.defined: list[int] = []  # columns
         self.definitions: list[ca.SX] = []
         self.pivots: list[Pivot] = []
         self.torn: list[int] = []
@@ -159,8 +159,7 @@ class BlockSolver:
             return set()
         slopes: dict[tuple[int, int], ca.SX] = {}
         for together in self._apart(pairs):
-            residuals = stack([self.residuals[r] for r, _ in together])
-            symbols = stack([self.symbols[c] for _, c in together])
+            residuals, symbols = self.residuals[[r for r, _ in together]], self.symbols[[c for _, c in together]]
             found = split(ca.jtimes(residuals, symbols, ca.SX.ones(symbols.numel())))
             slopes.update(zip(together, found, strict=True))
         numbers = np.abs(self.numbers(stack([slopes[pair] for pair in pairs])))
@@ -191,8 +190,7 @@ class BlockSolver:
         """Each row solved for its column; in one call those that contain none of each other's columns."""
         solved: dict[int, _Solved] = {}
         for together in self._apart(pairs):
-            coefficients, values = explicit(stack([self.residuals[r] for r, _ in together]),
-                                            stack([self.symbols[c] for _, c in together]))
+            coefficients, values = explicit(self.residuals[[r for r, _ in together]], self.symbols[[c for _, c in together]])
             dead = self._zeros(coefficients, [self._kinds(r)[c] for r, c in together])
             for (r, c), a, v, zero in zip(together, split(coefficients), split(values), dead, strict=True):
                 solved[r] = _Solved(r, c, a, v, zero)
@@ -233,7 +231,7 @@ class BlockSolver:
 
     def _define(self, solved: Sequence[_Solved]) -> None:
         for found in solved:
-            self.defined.append(self.symbols[found.column])
+            self.defined.append(found.column)
             self.definitions.append(found.value)
             if not found.coefficient.is_constant():
                 name = column_name(self.flat, self.unknown[found.column])
@@ -246,13 +244,14 @@ class BlockSolver:
         Their definitions come before the block's sequence; what is left stays an algebraic unknown.
         """
         given = [s for block in blocks for s in block.solved]
-        raw = [self.residuals[r] for block in blocks for r in block.residual]
+        raw = self.residuals[[r for block in blocks for r in block.residual]]
         if given:
-            raw = ca.substitute_inplace([self.symbols[s.column] for s in given], [s.value for s in given], raw, False)[1]
-        _share_out(raw, blocks)
+            values = ca.densify(stack([s.value for s in given]))
+            raw, = ca.substitute_inplace([self.symbols[[s.column for s in given]]], [values], [raw], False)[1]
+        _share_out(split(raw), blocks)
         waiting = list(blocks)
         while chosen := self._choices(waiting):
-            symbols = stack([self.symbols[block.torn[k]] for block, _, k in chosen])
+            symbols = self.symbols[[block.torn[k] for block, _, k in chosen]]
             coefficients, values = explicit(stack([block.remaining[i] for block, i, _ in chosen]), symbols)
             for (block, i, k), a, value in zip(chosen, split(coefficients), split(values), strict=True):
                 block.eliminated.append(_Solved(block.residual[i], block.torn[k], a, value, dead=False))
@@ -264,7 +263,7 @@ class BlockSolver:
         """The blocks of which a residual can be solved for a torn unknown, with the numbers of both, those of the simplest
         coefficient."""
         rows = iter(classify(stack([r for block in blocks for r in block.remaining]),
-                             stack([self.symbols[c] for block in blocks for c in block.torn]),
+                             self.symbols[[c for block in blocks for c in block.torn]],
                              self.constants, self.flat.bounds))
         entries: list[tuple[_Block, tuple[int, int, int, int], ca.SX]] = []
         first = 0

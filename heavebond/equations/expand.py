@@ -255,9 +255,11 @@ class _Opener:
     def _unknown_settings(self, instance: Instance, component: Component, missing: list[str]) -> bool:
         """Whether settings that the component does not have were found; these then say what it lacks."""
         inputs = [n for n, s in component.signals.items() if s.direction == "in"]
-        settable = short([*component.parameters, *inputs])
         whole = {name.partition("[")[0] for name in inputs}
         unknown = [name for name in instance.settings if name not in component.parameters and name not in (*inputs, *whole)]
+        if not unknown:
+            return False
+        settable = short([*component.parameters, *inputs])
         groups = (("port", component.ports), ("signal", component.signals), ("variable", component.variables))
         needs = listing(f"{n.removesuffix('[1]')} ({'a list, ' * ('[' in n)}{p.doc}, {p.unit.text})" for n in missing
                         if (p := component.parameters[n]) and ("[" not in n or n.endswith("[1]")))
@@ -269,7 +271,7 @@ class _Opener:
             self.problems.add("parameter-unknown", f"{component.name} has no parameter '{name}'"
                               + (f"; that is a {what} of it" if what else ""), instance.settings[name].place,
                               hint=suggest(name, missing or settable) or has)
-        return bool(unknown)
+        return True
 
     def _integers(self, component: Component, parameters: dict[str, Bound], outer: dict[str, int]) -> dict[str, int]:
         found: dict[str, int] = {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import cached_property
 
 import casadi as ca
 
@@ -41,7 +42,7 @@ from heavebond.equations.parameters import (
 from heavebond.equations.resolver import Bond, Resolver, Unknown
 from heavebond.equations.time_conditions import check_steps, timed
 from heavebond.language.definition import Domain, FileInput, Value
-from heavebond.language.incidence import Interval, classify
+from heavebond.language.incidence import EVERYTHING, Interval, classify
 from heavebond.language.model import Model
 from heavebond.language.symbols import nonsmooth, split, stack
 from heavebond.language.template import LEVELS, Template, template
@@ -103,10 +104,12 @@ class Energetics:
 
 @dataclass(frozen=True)
 class Flat:
-    """Unknowns v_j with derivative symbols `levels[k][j]` = d^k v_j / dt^k, and residuals r_i = 0 in SI."""
+    """Unknowns v_j with derivative symbols `levels[k][j]` = d^k v_j / dt^k, the elements of `columns[k]` (n,), and residuals
+    r_i = 0 in SI. Symbols are picked from a column ten times as fast as stacked."""
 
     expanded: Expanded
     unknowns: tuple[Unknown, ...]
+    columns: tuple[ca.SX, ...]
     levels: tuple[tuple[ca.SX, ...], ...]
     parameters: tuple[FlatParameter, ...]
     p: ca.SX
@@ -126,6 +129,11 @@ class Flat:
     bonds: dict[str, Bond] = field(default_factory=dict)        # of the components
     block_bonds: dict[str, Bond] = field(default_factory=dict)  # of the blocks that they are in
     domains: dict[str, Domain] = field(default_factory=dict)    # by the path of a node or port
+
+    @cached_property
+    def residual_column(self) -> ca.SX:
+        """The residuals (n,)."""
+        return stack(self.residuals)
 
     @property
     def constant_hashes(self) -> set[int]:
@@ -189,8 +197,9 @@ class _Builder:
         made = Unknowns(self.expanded, self.network, self.templates, self.claimed, also)
         self.unknowns, self.names, self.bonds, self.block_bonds = made.listed, made.names, made.bonds, made.block_bonds
         self.n = len(self.unknowns)
-        self.levels = [[ca.SX.sym("d" * k + u.name) for u in self.unknowns] for k in range(LEVELS)]
-        self.columns = [stack(level) for level in self.levels]
+        named = [ca.SX.sym(u.name) for u in self.unknowns]  # as they are printed; those of derivatives made in one call
+        self.columns = (stack(named), *(ca.SX.sym("d" * k + "v", self.n) for k in range(1, LEVELS)))
+        self.levels = tuple(tuple(split(column)) for column in self.columns)
         self._numbers_of_a_run()
         check_asked(self.expanded.model, self._resolver(), (q.name for q in self.parameters.independent),
                     {h.name for h in self.held}, self.problems)
@@ -201,11 +210,12 @@ class _Builder:
         self.problems.raise_as(ModelError)
         self._clocks()
         self.problems.raise_as(ModelError)
-        bounds = {s.element_hash(): (u.low, u.high) for s, u in zip(self.levels[0], self.unknowns, strict=True)}
+        bounds = {s.element_hash(): (u.low, u.high) for s, u in zip(self.levels[0], self.unknowns, strict=True)
+                  if (u.low, u.high) != EVERYTHING}
         bounds.update(parameter_bounds(self.expanded, self.parameters))
         bounds.update(held_bounds(self.expanded, self.constants))
         bounds.update({self.constants[e.name].element_hash(): (0.0, 1.0) for e in self.events if e.by_clock})
-        return Flat(self.expanded, tuple(self.unknowns), tuple(tuple(level) for level in self.levels),
+        return Flat(self.expanded, tuple(self.unknowns), self.columns, self.levels,
                     self.parameters.independent, self.parameters.p, self.time, self.rate, tuple(self.inputs),
                     tuple(self.equations), tuple(self.residuals), tuple(self.entries), self.names, self.constants,
                     self.parameters.units, tuple(self.energetics), bounds, self.held, tuple(self.events), self.bonds,
@@ -248,9 +258,8 @@ class _Builder:
         self.constants = self.parameters.expressions
 
     def _resolver(self) -> Resolver:
-        return Resolver(self.names, self.constants, self.parameters.units, tuple(self.unknowns),
-                        tuple(tuple(level) for level in self.levels), self.time, self.rate,
-                        {**self.bonds, **self.block_bonds})
+        return Resolver(self.names, self.constants, self.parameters.units, tuple(self.unknowns), self.levels, self.time,
+                        self.rate, {**self.bonds, **self.block_bonds})
 
     def _make_templates(self) -> None:
         for path, leaf in self.expanded.leaves.items():

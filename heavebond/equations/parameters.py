@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
 from math import inf, isfinite
@@ -101,6 +101,8 @@ def formula_order(expanded: Expanded) -> list[str]:
     known = {name: bound for name, bound, _ in declared(expanded)}
     needs: dict[str, list[str]] = {}
     for name, bound in known.items():
+        if isinstance(bound.value, Value) and isinstance(bound.value.expr, Number):
+            continue
         try:
             needed = [path for n in _names(bound) if (path := _path(expanded, known, bound, n)) is not None]
         except ExpressionProblem as problem:
@@ -193,34 +195,78 @@ class _Maker:
     expressions: dict[str, ca.SX] = field(default_factory=dict)
     units: dict[str, Unit] = field(default_factory=dict)
     bad: set[str] = field(default_factory=set)
+    # found right before, by what it follows from (`_alike`): units, and values that name no parameter
+    checked: dict[Hashable, Unit] = field(default_factory=dict)
+    numbers: dict[Hashable, ca.SX] = field(default_factory=dict)
+    named: dict[int, tuple[str, ...]] = field(default_factory=dict)  # the names in a value, by its identity
 
     def make(self, name: str, bound: Bound, leaf: Leaf | None) -> None:
         """A symbol where the value is a number, an expression where it is a formula in other parameters."""
         assert isinstance(bound.value, Value)
-        if any(bound.scope + n.text in self.bad for n in names(bound.value.expr)):
+        needed = self.named.get(id(bound.value))
+        if needed is None:
+            needed = self.named[id(bound.value)] = tuple(n.text for n in names(bound.value.expr))
+        if self.bad and any(bound.scope + text in self.bad for text in needed):
             self.bad.add(name)  # what is wrong is said where it is
             return
+        integers = _integers(self.expanded, bound.scope)
+        alike = self._alike(name, bound, leaf, needed, integers)
         try:
-            unit = self._unit(name, bound, leaf)
-            if gives_lists(bound.value.expr):
-                Lengths(lambda _: None, exact=True).number(bound.value.expr, "what a formula gives")
-            found = evaluate(bound.value.expr, Context(self._lookup(bound.scope), _no_rate,
-                                                       _integers(self.expanded, bound.scope)))
+            unit = self.checked.get(alike) or self._checked(name, bound, leaf, alike)
+            found = self.numbers.get(alike)
+            if found is None:
+                found = self._value(bound, integers)
         except ExpressionProblem as problem:
             add_formula_problem(problem, bound.value, self.problems)
             self.bad.add(name)
             return
-        if found.is_constant() and not isfinite(float(found)):
-            self.problems.add("value-not-finite", f"{name} = {bound.value.text.lstrip('= ')} has no finite value",
-                              bound.value.place, hint=NOT_FINITE)
-            self.bad.add(name)
-            return
         if found.is_constant():
-            symbol = ca.SX.sym(name)
-            self.independent.append(FlatParameter(name, float(found), unit, bound.place))
-            self.symbols.append(symbol)
-            found = symbol
+            number = float(found)
+            if not isfinite(number):
+                self.problems.add("value-not-finite", f"{name} = {bound.value.text.lstrip('= ')} has no finite value",
+                                  bound.value.place, hint=NOT_FINITE)
+                self.bad.add(name)
+                return
+            if alike in self.checked and all(text == "pi" or text in integers for text in needed):
+                self.numbers[alike] = found
+            found = ca.SX.sym(name)
+            self.independent.append(FlatParameter(name, number, unit, bound.place))
+            self.symbols.append(found)
         self.expressions[name], self.units[name] = found, unit
+
+    def _alike(self, name: str, bound: Bound, leaf: Leaf | None, needed: Sequence[str], integers: Mapping[str, int]
+               ) -> Hashable:
+        """What the unit of a value follows from, which parts that are alike have in common; None where that is not known."""
+        if leaf is None or is_generic((unit := leaf.component.parameters[name.rpartition(".")[2]].unit).dimension):
+            return None
+        given: list[Hashable] = [id(bound.value), id(unit)]
+        for text in needed:
+            if text == "pi" or text in integers:
+                given.append(integers.get(text))
+            elif (own := self.units.get(bound.scope + text)) is not None:
+                given.append((id(own),))
+            else:
+                return None  # a list
+        return tuple(given)
+
+    def _checked(self, name: str, bound: Bound, leaf: Leaf | None, alike: Hashable) -> Unit:
+        """The unit of a value; a problem, or an ExpressionProblem, where it has another one or is no number."""
+        assert isinstance(bound.value, Value)
+        before = len(self.problems.found)
+        unit = self._unit(name, bound, leaf)
+        if gives_lists(bound.value.expr):
+            Lengths(lambda _: None, exact=True).number(bound.value.expr, "what a formula gives")
+        if alike is not None and len(self.problems.found) == before:
+            self.checked[alike] = unit
+        return unit
+
+    def _value(self, bound: Bound, integers: Mapping[str, int]) -> ca.SX:
+        assert isinstance(bound.value, Value)
+        expr = bound.value.expr
+        if isinstance(expr, Name) and expr.text not in integers and \
+                (found := self.expressions.get(bound.scope + expr.text)) is not None:
+            return found
+        return evaluate(expr, Context(self._lookup(bound.scope), _no_rate, integers))
 
     def _lookup(self, scope: str) -> Callable[[str, Name], ca.SX]:
         return lambda text, name: self.expressions[scope + text]
@@ -301,15 +347,29 @@ def check_values(expanded: Expanded, parameters: Parameters, templates: Mapping[
         assert isinstance(bound.value, Value)
         check_bounds(name, parameter, float(number), bound.value, problems)
     problems.raise_as(ModelError)
-    asked = {path: made for path, made in templates.items() if expanded.leaves[path].component.requires}
-    numbers = iter(parameters.values([f"{path}.{name}" for path, made in asked.items() for name in made.parameters]))
-    for path, made in asked.items():
+    asked = [(path, made) for path, made in templates.items() if expanded.leaves[path].component.requires]
+    truths = _truths(parameters, asked)
+    for path, made in asked:
         leaf = expanded.leaves[path]
-        truths = made.requirements([next(numbers) for _ in made.parameters])
-        for formula, truth in zip(leaf.component.requires, np.array(truths).ravel(), strict=True):
+        for formula, truth in zip(leaf.component.requires, truths[path], strict=True):
             if not truth:
                 _violated(leaf, formula, made, parameters, problems)
     problems.raise_as(ModelError)
+
+
+def _truths(parameters: Parameters, asked: Sequence[tuple[str, Template]]) -> dict[str, Array]:
+    """Which requirements of each part are met: one call for all parts of a template, a column for each."""
+    users: dict[Template, list[str]] = {}
+    for path, made in asked:
+        users.setdefault(made, []).append(path)
+    numbers = parameters.values([f"{path}.{name}" for made, paths in users.items() for path in paths
+                                 for name in made.parameters])
+    found: dict[str, Array] = {}
+    for made, paths in users.items():
+        own, numbers = np.split(numbers, [len(paths) * len(made.parameters)])
+        truths = np.array(made.requirements(own.reshape(len(paths), len(made.parameters)).T))
+        found.update(zip(paths, np.broadcast_to(truths, (len(truths), len(paths))).T, strict=True))
+    return found
 
 
 def _violated(leaf: Leaf, formula: Formula, made: Template, parameters: Parameters, problems: Problems) -> None:

@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -32,7 +33,7 @@ from heavebond.language.symbols import split, stack, uniform
 class Reduced:
     """x' = ode(t, x, z, p), 0 = alg(t, x, z, p); every other unknown is an expression in these.
 
-    `symbols` and `expressions` map each raw symbol of the flat model (unknowns and their derivatives) to SX in
+    `symbols` and `expressions` map each raw symbol of the flat model (unknowns and their derivatives, `defined`) to SX in
     (x, z, p, time, rate, measured inputs); `system` is what was solved, as it stood before.
     """
 
@@ -46,6 +47,7 @@ class Reduced:
     alg_equations: tuple[FlatEquation, ...]
     symbols: ca.SX
     expressions: ca.SX
+    defined: tuple[Column, ...]
     pivots: tuple[Pivot, ...]
     index: int
     differentiated: tuple[tuple[int, int], ...]
@@ -56,6 +58,11 @@ class Reduced:
     def name(self, column: Column) -> str:
         """`crown.x`, or `der(crown.x)` for a derivative."""
         return column_name(self.flat, column)
+
+    def unknowns(self) -> ca.SX:
+        """All unknowns (n,) of the flat model in terms of (t, x, z, p)."""
+        place = {column: k for k, column in enumerate((*self.states, *self.algebraic, *self.defined))}
+        return ca.vertcat(self.x, self.z, self.expressions)[[place[(j, 0)] for j in range(len(self.flat.unknowns))]]
 
     def express(self, expression: ca.SX) -> ca.SX:
         """An expression in raw symbols, in terms of (t, x, z, p)."""
@@ -140,14 +147,21 @@ def _chains(columns: list[Column], result: Pantelides) -> Chain:
 @dataclass(frozen=True)
 class System:
     """All equations with their derivatives, in symbols for all unknowns with their derivatives; `constraints` are those
-    that were differentiated. It can be solved for several choices of states, in the same symbols."""
+    that were differentiated. It can be solved for several choices of states, in the same symbols. `residuals` are those of
+    the `rows`, `columns[k]` (n,) the symbols of the k-th derivatives."""
 
     flat: Flat
     chain: Chain
     order: tuple[int, ...]
-    levels: list[list[ca.SX]]
-    residual: dict[Row, ca.SX]
+    columns: list[ca.SX]
+    rows: tuple[Row, ...]
+    residuals: ca.SX
     constraints: Constraints
+
+    @cached_property
+    def symbols(self) -> ca.SX:
+        """Those of all unknowns, then of their derivatives."""
+        return ca.vertcat(*self.columns)
 
     @cached_property
     def constants(self) -> set[int]:
@@ -171,22 +185,22 @@ class System:
         given = [self._value_of[s.element_hash()] for s in symbols]
         return np.asarray(ca.Function("numbers", [stack(symbols)], [expressions])(given)).ravel()
 
-    def symbol(self, column: Column) -> ca.SX:
-        return self.levels[column[1]][column[0]]
+    def symbols_of(self, columns: Sequence[Column]) -> ca.SX:
+        """The symbols (m,) of these columns."""
+        n = len(self.flat.unknowns)
+        return self.symbols[[k * n + j for j, k in columns]]
 
     def solve(self, states: list[Column]) -> Reduced:
         """x' = f(t, x, z, p), 0 = g(t, x, z, p) for these states (their number is given by the constraints)."""
         known = set(states)
         unknown = [c for c in sorted(self.chain.column) if c not in known]
-        rows = list(self.residual)
+        rows, symbols = self.rows, self.symbols_of(unknown)
         entries = self._entries(rows, unknown)
         matching = maximum_matching([[c for c, _ in row] for row in entries], len(unknown))
-        system = Simultaneous(self.flat, tuple(rows), tuple(unknown), stack([self.residual[row] for row in rows]),
-                              stack([self.symbol(c) for c in unknown]))
+        system = Simultaneous(self.flat, rows, tuple(unknown), self.residuals, symbols)
         if -1 in matching or len(rows) != len(unknown):
             raise self._lost(system)
-        solver = BlockSolver(self.flat, rows, unknown, [self.residual[row] for row in rows],
-                             [self.symbol(c) for c in unknown], entries, self.constants, self.numbers)
+        solver = BlockSolver(self.flat, rows, unknown, self.residuals, symbols, entries, self.constants, self.numbers)
         blocks = block_lower_triangular([[c for c, _ in row] for row in entries], matching)
         solver.solve([(block, [matching[r] for r in block]) for block in blocks])
         reduced = self._reduced(states, system, solver)
@@ -197,22 +211,22 @@ class System:
     def _reduced(self, states: list[Column], system: Simultaneous, solver: BlockSolver) -> Reduced:
         flat = self.flat
         torn = [system.columns[c] for c in solver.torn]
-        x, z = stack([self.symbol(s) for s in states]), stack([self.symbol(c) for c in torn])
-        rates = [self.symbol((j, k + 1)) for j, k in states]
-        piggyback = [stack(rates), stack([r for r, _ in solver.remaining]),
+        x, z = self.symbols_of(states), self.symbols_of(torn)
+        rates = self.symbols_of([(j, k + 1) for j, k in states])
+        piggyback = [rates, stack([r for r, _ in solver.remaining]),
                      stack([p.coefficient for p in solver.pivots])]
-        if solver.defined:
-            expressions, others = ca.substitute_inplace(solver.defined, solver.definitions, piggyback, False)
-        else:
-            expressions, others = [], piggyback
+        defined, expressions, others = system.unknowns[solver.defined], ca.SX(0, 1), piggyback
+        if solver.defined:  # each in terms of those before it
+            definitions = ca.densify(stack(solver.definitions))
+            (expressions,), others = ca.substitute_inplace([defined], [definitions], piggyback, False)
         pivots = tuple(Pivot(c, p.unknown, p.equation)
                        for c, p in zip(split(others[2]), solver.pivots, strict=True))
         order = self.order
         algebraic = [j for j, top in enumerate(self.chain.highest) if top == 0]
         return Reduced(
             flat, tuple(states), tuple(torn), x, z, others[0], others[1],
-            tuple(flat.equations[row[0]] for _, row in solver.remaining), stack(solver.defined),
-            stack(expressions), pivots, max(order, default=0) + (1 if algebraic else 0),
+            tuple(flat.equations[row[0]] for _, row in solver.remaining), defined, expressions,
+            tuple(system.columns[c] for c in solver.defined), pivots, max(order, default=0) + (1 if algebraic else 0),
             tuple((i, k) for i, k in enumerate(order) if k), tuple(solver.loops), system, self)
 
     def _lost(self, system: Simultaneous) -> ModelError:
@@ -240,41 +254,40 @@ class System:
         return {s: -float(value / slope) for s, value, slope in zip(alone, values, slopes, strict=True)
                 if slope and np.isfinite(value)}
 
-    def _entries(self, rows: list[Row], unknown: list[Column]) -> list[list[tuple[int, int]]]:
+    def _entries(self, rows: Sequence[Row], unknown: list[Column]) -> list[list[tuple[int, int]]]:
         """(position in `unknown`, kind) of each row; those of the given equations are known from the templates."""
         n = len(self.flat.unknowns)
         position = {column: k for k, column in enumerate(unknown)}
         entries: list[list[tuple[int, int]]] = []
         for i, k in rows:
-            found = self.flat.entries[i] if k == 0 else []
-            entries.append([(position[(c % n, c // n)], kind) for c, kind in found if (c % n, c // n) in position])
+            own = self.flat.entries[i] if k == 0 else []
+            entries.append([(position[(c % n, c // n)], kind) for c, kind in own if (c % n, c // n) in position])
         derived = [r for r, (_, k) in enumerate(rows) if k > 0]
         if derived:
-            stacked = stack([self.residual[rows[r]] for r in derived])
-            symbols = stack([self.symbol(c) for c in unknown])
-            for r, row in zip(derived, classify(stacked, symbols, self.constants, self.flat.bounds), strict=True):
+            found = classify(self.residuals[derived], self.symbols_of(unknown), self.constants, self.flat.bounds)
+            for r, row in zip(derived, found, strict=True):
                 entries[r] = [(e.column, e.kind) for e in row]
         return entries
 
 
 def _system(flat: Flat, chain: Chain, result: Pantelides) -> System:
     """The equations with the derivatives of those that need it, all of one order in one sweep."""
-    top = max(chain.highest, default=0)
-    levels = [list(level) for level in flat.levels]
-    while len(levels) <= top + 1:
-        levels.append([ca.SX.sym("d" * len(levels) + u.name) for u in flat.unknowns])
-    residual: dict[Row, ca.SX] = {(i, 0): r for i, r in enumerate(flat.residuals)}
+    top, n = max(chain.highest, default=0), len(flat.unknowns)
+    columns = [*flat.columns, *(ca.SX.sym("d" * k + "v", n) for k in range(len(flat.columns), top + 2))]
+    low, high = ca.vertcat(*columns[:-1]), ca.vertcat(*columns[1:])
+    for known in flat.inputs:
+        low, high = stack([low, known.symbols[:-1]]), stack([high, known.symbols[1:]])
+    every: list[Row] = [(i, 0) for i in range(len(flat.residuals))]
+    residuals, last, rows = [flat.residual_column], flat.residual_column, list(range(len(flat.residuals)))
     k = 1
-    while rows := [i for i, order in enumerate(result.order) if order >= k]:
-        stacked = stack([residual[(i, k - 1)] for i in rows])
-        low, high = (stack([s for level in part for s in level]) for part in (levels[:-1], levels[1:]))
-        for known in flat.inputs:
-            low, high = stack([low, known.symbols[:-1]]), stack([high, known.symbols[1:]])
-        rates = ca.jtimes(stacked, low, high) + ca.jtimes(stacked, flat.time, flat.rate)
-        for i, rate in zip(rows, split(rates), strict=True):
-            residual[(i, k)] = rate
+    while wanted := [place for place, i in enumerate(rows) if result.order[i] >= k]:
+        stacked, rows = last[wanted], [rows[place] for place in wanted]
+        last = ca.jtimes(stacked, low, high) + ca.jtimes(stacked, flat.time, flat.rate)
+        residuals.append(last)
+        every += [(i, k) for i in rows]
         k += 1
-    return System(flat, chain, result.order, levels, residual, constraints(flat, result.order, chain.highest))
+    return System(flat, chain, result.order, columns, tuple(every), ca.vertcat(*residuals),
+                  constraints(flat, result.order, chain.highest))
 
 
 def collapse_rows(flat: Flat) -> list[list[int]]:

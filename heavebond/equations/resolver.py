@@ -204,6 +204,9 @@ class Resolver:
                                  hint)
 
     def _der(self, expression: ca.SX) -> ca.SX:
+        if ca.depends_on(expression, stack(self.levels[-1])):
+            raise ExpressionProblem("derivative-too-high", f"more than {len(self.levels) - 1} derivatives of a variable are "
+                                    "not available here", 0, hint="Leave out a `der`.")
         low = stack([s for level in self.levels[:-1] for s in level])
         high = stack([s for level in self.levels[1:] for s in level])
         return ca.jtimes(expression, low, high) + ca.jtimes(expression, self.time, self.rate)

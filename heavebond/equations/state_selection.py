@@ -72,7 +72,7 @@ class Constraints:
 def constraints(flat: Flat, order: Sequence[int], highest: Sequence[int]) -> Constraints:
     """The constraints, given how often each equation is differentiated."""
     n, rows = len(flat.unknowns), [i for i, k in enumerate(order) if k >= 1]
-    jacobian = ca.jacobian(stack(flat.residuals[i] for i in rows), stack(s for level in flat.levels for s in level))
+    jacobian = ca.jacobian(flat.residual_column[rows], ca.vertcat(*flat.columns))
     places = zip(*jacobian.sparsity().get_triplet(), strict=True)
     found = [(rows[row], column % n, k) for k, (row, column) in enumerate(places)
              if column // n == highest[column % n] - order[rows[row]]]
@@ -88,7 +88,7 @@ def select_states(found: Constraints, p: Array) -> list[Column]:
     if not found.entries:
         return chosen_states(found, np.zeros(0))
     flat, guess = found.flat, InitialGuess(found.flat)(p)
-    symbols, known = stack(s for level in flat.levels for s in level), stack(k.symbols for k in flat.inputs)
+    symbols, known = ca.vertcat(*flat.columns), stack(k.symbols for k in flat.inputs)
     at = ca.Function("H", [symbols, flat.p, flat.time, flat.rate, known], [found.values])
 
     def numbers(values: Array) -> Array:
@@ -96,8 +96,7 @@ def select_states(found: Constraints, p: Array) -> list[Column]:
         return np.where(np.isfinite(entries), entries, 1.0)
 
     states = chosen_states(found, numbers(guess), found.asked)
-    unknown = {s.element_hash() for level in flat.levels for s in level}
-    if any(s.element_hash() in unknown for s in ca.symvar(found.values)):
+    if ca.depends_on(found.values, symbols):
         equations = constraint_equations(flat, found.order)
         projected = equations.projected(guess, p) if equations else None
         if projected is not None and _strained(found, states, numbers(projected)):

@@ -30,14 +30,16 @@ def check_dimension(name: str, value: Value, found: Dimension | None, declared: 
 
 def check_bounds(name: str, parameter: Parameter, number: float, value: Value, problems: Problems) -> None:
     """`number`, in SI, lies within the parameter's `min` and `max`."""
+    if isfinite(number) and (parameter.low is None or number >= parameter.low) and \
+            (parameter.high is None or number <= parameter.high):
+        return
     shown = value.text.lstrip("= ")
     if not isinstance(value.expr, Number) or value.si:
         shown = f"{shown}, that is {number:g} {parameter.unit.text}".removesuffix(" 1") + ","
     if not isfinite(number):
         problems.add("value-not-finite", f"{name} = {value.text.lstrip('= ')} has no finite value", value.place,
                      hint=NOT_FINITE)
-    elif (parameter.low is not None and number < parameter.low) or \
-            (parameter.high is not None and number > parameter.high):
+    else:
         problems.add("parameter-bound", f"{name} = {shown} is not allowed; it must be {bounds_text(parameter)}",
                      value.place, notes=[f"{parameter.name}: {parameter.doc}"] if parameter.doc else [],
                      hint="Give a value in that range.")

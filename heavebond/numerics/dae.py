@@ -154,12 +154,18 @@ class Assembly:
         """The hashes of the symbols that an expression may have in the end: the arguments and the measured inputs."""
         return {s.element_hash() for a in (*self.arguments, *(k.symbols for k in self.flat.inputs)) for s in ca.symvar(a)}
 
+    def _derivative_name(self, symbol: ca.SX) -> str:
+        """`dddcrown.x` of the symbol of a derivative."""
+        flat, own = self.flat, symbol.element_hash()
+        return next(("d" * k + flat.unknowns[j].name for k, level in enumerate(flat.levels) for j, s in enumerate(level)
+                     if s.element_hash() == own), "a derivative")
+
     def _rate_of(self, symbol: ca.SX) -> ca.SX:
         """d/dt of an unknown whose derivative stands in no equation."""
         first = {s.element_hash(): j for j, s in enumerate(self.flat.levels[1])}
         j = first.get(symbol.element_hash())
         if j is None:
-            raise ExpressionProblem("derivative-too-high", f"{symbol.name()} is not available here", 0)
+            raise ExpressionProblem("derivative-too-high", f"{self._derivative_name(symbol)} is not available here", 0)
         value = self.reduced.express(self.flat.levels[0][j])
         t, x, z, _, _, rate = self.arguments
         if z.numel() and ca.which_depends(value, z, 1, False)[0]:
@@ -200,8 +206,7 @@ def build(reduced: Reduced) -> Assembly:
     flat = reduced.flat
     u = ca.SX.sym("u", 1 + 4 * len(flat.inputs)) if flat.inputs else ca.SX(0, 1)
     arguments = (flat.time, reduced.x, reduced.z, flat.p, u, flat.rate)
-    raw = [flat.levels[0][j] for j in range(len(flat.unknowns))]
-    values = reduced.express(stack(raw))
+    values = reduced.unknowns()
 
     def with_inputs(expression: ca.SX) -> ca.SX:
         return substitute_inputs(expression, flat, flat.time, u)
@@ -238,6 +243,8 @@ def _check_events(reduced: Reduced) -> None:
 
 def _check_smoothness(reduced: Reduced, expressions: list[ca.SX]) -> None:
     """A held input has no derivative, a linear one no second; ModelError where the equations need one."""
+    if not reduced.flat.inputs:
+        return
     used = {s.element_hash() for e in expressions for s in ca.symvar(e)}
     problems = Problems()
     for known in reduced.flat.inputs:

@@ -63,9 +63,10 @@ class Forcing:
 
 
 def _parts(equations: ca.SX, time: ca.SX, p: ca.SX) -> list[ca.SX]:
-    if not equations.numel() or not ca.depends_on(equations, time):
+    driven = np.flatnonzero(ca.which_depends(equations, time, 1, True)).tolist() if equations.numel() else []
+    if not driven:
         return []
-    _, _, parts = ca.extract_parametric(equations, stack([time, p]))
+    _, _, parts = ca.extract_parametric(equations[driven], stack([time, p]))
     timed = ca.which_depends(stack(parts), time, 1, True) if parts else []
     return [part for part, depends in zip(parts, timed, strict=True) if depends]
 

@@ -286,7 +286,9 @@ class StartEquations:
     def _usual(self) -> list[float]:
         """The usual sizes of what has the dimensions of the solved parameters."""
         flat = self.assembly.flat
-        usual = {u.unit.dimension: u.nominal for u in flat.unknowns}
+        # a dimension is slow to hash, and most unknowns share one of a few
+        each = {id(u.unit.dimension): (u.unit.dimension, u.nominal) for u in flat.unknowns}
+        usual = dict(each.values())
         return [usual.get(flat.parameters[k].unit.dimension, 1.0) for k in self.solved_for]
 
     def sizes(self, p: Array) -> Array:
