@@ -126,6 +126,37 @@ outputs: {shaft.w: {column: w, unit: rad/s, noise: 1 rad/s}}
     assert {n.name for n in found.numbers} <= set(values)
 
 
+def test_an_input_that_a_record_takes_from_its_source_may_have_effects_before_it(tmp_path: Path) -> None:
+    """The input leaves the node with the source; the source stays."""
+    (tmp_path / "rig.yaml").write_text("""
+model: rig
+components:
+  wave:   {is: Sine, a: 1 m, T: 8 s}
+  deck:   {is: PositionSource}
+  spring: {is: Spring, c: 1 kN/m}
+  load:   {is: Mass, m: 10 kg}
+nodes: {heave: [wave.y, deck.u], deck: [deck.a, spring.a], load: [spring.b, load.a]}
+initial: {load.x: 0 m, load.v: 0 m/s}
+simulate: {until: 1 s}
+""", encoding="utf-8")
+    (tmp_path / "run.csv").write_text("t,u,x\n" + "".join(f"{k/10},{k % 3},{k}\n" for k in range(20)), encoding="utf-8")
+    (tmp_path / "run.yaml").write_text("""
+experiment: rig
+model: rig.yaml
+records: {run: {file: run.csv, use: fit}}
+time: {column: t, unit: s}
+inputs: {deck.u: {column: u, unit: m, interpolation: spline}}
+outputs: {load.x: {column: x, unit: m, noise: 1 mm}}
+""", encoding="utf-8")
+    experiment = load_experiment(tmp_path / "run.yaml")
+    for label in ("SensorGain before deck.u", "FirstOrderLag before deck.u", "Delay before deck.u"):
+        found = next(c for c in single_candidates(experiment) if c.label == label)
+        changed = found.change.on_experiment(experiment)
+        assembly = assemble_for(changed, experiment.records["run"])
+        assert {n.name for n in found.numbers} <= set(assembly.parameter_values)
+        assert [known.name for known in assembly.flat.inputs] == [f"{found.name}.u"]
+
+
 RUNNING = """
 model: circuit
 components:

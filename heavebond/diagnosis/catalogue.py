@@ -405,7 +405,8 @@ def _series_signal(name: str, part: Part, into: str, out: str, path: str, wire: 
     bound = leaf.inputs.get(path.rpartition(".")[2])
     if bound is not None and isinstance(bound.value, FileInput):
         placed = Part(part.kind, {into: "0", **part.values})
-        return Change({name: placed}, settings={path: f"={name}.{out}"}, moved={path: f"{name}.{into}"})
+        off = {wire: (f"-{path}",)} if wire is not None else {}  # the node of the source that the record stands for
+        return Change({name: placed}, off, settings={path: f"={name}.{out}"}, moved={path: f"{name}.{into}"})
     if bound is not None and not isinstance(bound.value, FileInput):
         placed = Part(part.kind, {into: bound.value.text, **part.values})
         return Change({name: placed}, settings={path: f"={name}.{out}"})
