@@ -11,7 +11,7 @@ import pytest
 
 from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.estimation.comparison import assemble_for
-from heavebond.estimation.experiment import load_experiment
+from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.language.library import effect_classes, library, same_class
 from heavebond.language.model import loads
 from heavebond.numerics.simulation import simulate
@@ -98,6 +98,20 @@ def test_a_component_beside_the_diagram_takes_part(tmp_path: Path) -> None:
     assert {(c.kind, c.vanishes) for c in own} == {("drag of our own", True)}
 
 
+def driven(folder: Path, model: str, given: str, measured: str) -> Experiment:
+    """An experiment on a diagram in the folder, with one record of an input and an output."""
+    (folder / "run.csv").write_text("t,u,y\n" + "".join(f"{k/10},{k % 3},{k}\n" for k in range(20)), encoding="utf-8")
+    (folder / "run.yaml").write_text(f"""
+experiment: {model}
+model: {model}.yaml
+records: {{run: {{file: run.csv, use: fit}}}}
+time: {{column: t, unit: s}}
+inputs: {{{given}}}
+outputs: {{{measured}}}
+""", encoding="utf-8")
+    return load_experiment(folder / "run.yaml")
+
+
 def test_a_shaft_without_a_frame_may_rub_at_the_surroundings(tmp_path: Path) -> None:
     """A motor whose housing does not turn needs no frame in the diagram; its friction may still follow another law."""
     (tmp_path / "motor.yaml").write_text("""
@@ -110,16 +124,8 @@ nodes: {plus: [supply.a, motor.a], minus: [supply.b, motor.b, ground.a], shaft: 
 initial: {shaft.phi: 0 rad, shaft.w: 0 rad/s, motor.i: 0 A}
 simulate: {until: 1 s}
 """, encoding="utf-8")
-    (tmp_path / "run.csv").write_text("t,u,w\\n" + "".join(f"{k/10},{k % 3},{k}\\n" for k in range(20)), encoding="utf-8")
-    (tmp_path / "run.yaml").write_text("""
-experiment: motor
-model: motor.yaml
-records: {run: {file: run.csv, use: fit}}
-time: {column: t, unit: s}
-inputs: {supply.u: {column: u, unit: V, interpolation: hold}}
-outputs: {shaft.w: {column: w, unit: rad/s, noise: 1 rad/s}}
-""", encoding="utf-8")
-    experiment = load_experiment(tmp_path / "run.yaml")
+    experiment = driven(tmp_path, "motor", "supply.u: {column: u, unit: V, interpolation: hold}",
+                        "shaft.w: {column: y, unit: rad/s, noise: 1 rad/s}")
     found = next(c for c in single_candidates(experiment)
                  if c.label == "RotationalStribeckFriction between shaft and the surroundings")
     values = assemble_for(found.change.on_experiment(experiment), experiment.records["run"]).parameter_values
@@ -139,16 +145,8 @@ nodes: {heave: [wave.y, deck.u], deck: [deck.a, spring.a], load: [spring.b, load
 initial: {load.x: 0 m, load.v: 0 m/s}
 simulate: {until: 1 s}
 """, encoding="utf-8")
-    (tmp_path / "run.csv").write_text("t,u,x\n" + "".join(f"{k/10},{k % 3},{k}\n" for k in range(20)), encoding="utf-8")
-    (tmp_path / "run.yaml").write_text("""
-experiment: rig
-model: rig.yaml
-records: {run: {file: run.csv, use: fit}}
-time: {column: t, unit: s}
-inputs: {deck.u: {column: u, unit: m, interpolation: spline}}
-outputs: {load.x: {column: x, unit: m, noise: 1 mm}}
-""", encoding="utf-8")
-    experiment = load_experiment(tmp_path / "run.yaml")
+    experiment = driven(tmp_path, "rig", "deck.u: {column: u, unit: m, interpolation: spline}",
+                        "load.x: {column: y, unit: m, noise: 1 mm}")
     for label in ("SensorGain before deck.u", "FirstOrderLag before deck.u", "Delay before deck.u"):
         found = next(c for c in single_candidates(experiment) if c.label == label)
         changed = found.change.on_experiment(experiment)

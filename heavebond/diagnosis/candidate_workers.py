@@ -96,7 +96,7 @@ class Workers:
             else:
                 open_.append(c)
         instead: list[list[Score]] = [[] for _ in open_]
-        shared = self._shared(candidates)
+        shared = self._shared(candidates) if open_ else {}
         for c, found in self._each(_scored, [(c, shared.get(c.label)) for c in open_], open_, until, instead):
             if self.kept is not None and c.label not in self.lost:
                 self.kept.add(digests[c.label], scores_entry(c, found))

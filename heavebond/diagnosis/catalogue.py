@@ -139,20 +139,20 @@ class Site:
         return [group for group in self.nodes.get(domain, []) if group.name not in grounds]
 
 
-def site_of(experiment: Experiment, assembly: Assembly | None = None) -> Site:
-    """The diagram of an experiment; `assembly` is the assembled diagram where there is one."""
-    assembly = assembly or assemble_for(experiment, next(iter(experiment.records.values())))
+def site_of(experiment: Experiment) -> Site:
+    """The diagram of an experiment."""
+    assembly = assemble_for(experiment, next(iter(experiment.records.values())))
     expanded = assembly.flat.expanded
     return Site(experiment, assembly, expanded, connect(expanded, formula_order(expanded)))
 
 
-def single_candidates(experiment: Experiment, assembly: Assembly | None = None, site: Site | None = None) -> list[Candidate]:
+def single_candidates(experiment: Experiment, site: Site | None = None) -> list[Candidate]:
     """All effects of the catalogue at all single places of the diagram of an experiment, in the order of the library.
 
-    `assembly` is the assembled diagram, `site` what effects are placed in, where there is one. Raises ModelError for an
-    invalid diagram or component.
+    `site` is the diagram in which they are placed, where there is one. Raises ModelError for an invalid diagram or
+    component.
     """
-    site = site or site_of(experiment, assembly)
+    site = site or site_of(experiment)
     found = list(_dormant(site))
     for component in experiment.model.library.effects():
         assert component.effect is not None

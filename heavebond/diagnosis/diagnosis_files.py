@@ -36,9 +36,11 @@ def finding_files(finding: AddedEffect, before: Experiment, model: Path, experim
         {name: quantity(p.value, units[name]) for name, p in sought.items()})
     said = f"{before.model.name} with {candidate.kind} {candidate.place}."
     own = {name: f for name, f in finding.fit.experiment.free.items() if f.each and name not in before.free}
-    begun = {p.name: quantity(p.before, own[p.name].range.unit) for p in finding.fit.parameters if p.name in own}
-    change = Change(initial={state: text for name, text in begun.items()  # what is free needs a value in the diagram
-                             if (state := name.removeprefix(INITIAL)) not in before.model.initial.conditions}).joined(change)
+    begun = {p.name.removeprefix(INITIAL): quantity(p.before, own[p.name].range.unit) for p in finding.fit.parameters
+             if p.name in own}
+    # what is free needs a value in the diagram
+    change = Change(initial={state: text for state, text in begun.items()
+                             if state not in before.model.initial.conditions}).joined(change)
     diagram = change.diagram(model.stem, said, extended_from(model, before.model.path))
     free = {name: span(p, units[name], name in {n.name for n in candidate.numbers if n.amplitude})
             for name, p in sought.items()}

@@ -29,17 +29,17 @@ def candidates(experiment: ExperimentOrFile) -> list[Candidate]:
     its single candidates). `experiment` is one that was loaded, or its file or name. Raises ModelError for an invalid
     diagram or component, DataError for an experiment that cannot be read.
     """
-    experiment = load_experiment(experiment)
-    site = site_of(experiment)
-    found = single_candidates(experiment, site.assembly)
-    return [*found, *at_like_places(site, found)]
+    return _at_all_places(site_of(load_experiment(experiment)))
 
 
 def named_apart(experiment: Experiment) -> list[Candidate]:
     """The same, each candidate at a single place with names for its parts that no other one has, so that several can be put
     into the diagram together."""
-    site = replace(site_of(experiment), apart=True)
-    found = single_candidates(experiment, site=site)
+    return _at_all_places(replace(site_of(experiment), apart=True))
+
+
+def _at_all_places(site: Site) -> list[Candidate]:
+    found = single_candidates(site.experiment, site)
     return [*found, *at_like_places(site, found)]
 
 

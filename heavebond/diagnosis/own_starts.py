@@ -19,17 +19,17 @@ from heavebond.core.units import Range
 from heavebond.core.units import unit as read_unit
 from heavebond.diagnosis.ladder import LadderEntry, ladder_entry
 from heavebond.diagnosis.stage import EARNED
-from heavebond.estimation.comparison import Channel, Comparison
+from heavebond.estimation.comparison import ELSEWHERE, Channel, Comparison
 from heavebond.estimation.experiment import Experiment, Free
 from heavebond.estimation.fitting import Fit, fit
 
 INITIAL = "initial."
-AROUND = 5.0  # of the noise, on either side of the measured first samples and of the diagram's start, in which it is sought
 
 
-def with_own_starts(experiment: Experiment, comparison: Comparison) -> Experiment | None:
+def _with_own_starts(experiment: Experiment, comparison: Comparison) -> Experiment | None:
     """The experiment in which each state that begins elsewhere in a record has a start of its own in each record; None where
-    there is none, or where the diagram decides the start by an equilibrium."""
+    there is none, or where the diagram decides the start by an equilibrium. A start is sought between those measured and
+    that of the diagram, and by as much further as does not count as elsewhere."""
     if experiment.model.initial.mode is not None:
         return None
     names = dict.fromkeys(name for record in comparison.records.values() for name in record.elsewhere)
@@ -44,7 +44,7 @@ def with_own_starts(experiment: Experiment, comparison: Comparison) -> Experimen
         if _as_a_sensor(channels):
             continue
         before = float(unit.to_si(channels[0].model[0]))
-        around = AROUND * max(max(c.noise, c.step) for c in channels) * unit.scale
+        around = ELSEWHERE * max(max(c.noise, c.step) for c in channels) * unit.scale
         begins = [before, *(float(unit.to_si(c.measured[0])) for c in channels)]
         free[f"{INITIAL}{state}"] = Free(f"{INITIAL}{state}", Range(min(begins) - around, max(begins) + around, unit), place,
                                          each=True)
@@ -59,7 +59,7 @@ def own_starts(experiment: Experiment, before: LadderEntry, seconds: float, say:
     elsewhere than the model of the entry `before`; None where none does, and where the sum of squares of what was fitted
     falls by no more than chance would have it. The noise alone is the yardstick: that a state begins elsewhere is measured,
     and beside an effect that is missing the start may hardly be seen."""
-    own = with_own_starts(experiment, before.comparison)
+    own = _with_own_starts(experiment, before.comparison)
     if own is None:
         return None
     found = fit(own, progress=lambda text: say(f"fitting the start of each record: {text}"), partial=True, seconds=seconds)
@@ -71,7 +71,7 @@ def _as_a_sensor(channels: Sequence[Channel]) -> bool:
     """Whether one offset or one gain of the sensor explains how all records begin, as it always does where there is but one
     record. What they show at their first instants cannot tell it from other starts then."""
     shifts = [float(c.measured[0] - c.model[0]) for c in channels]
-    noise = AROUND * max(max(c.noise, c.step) for c in channels)
+    noise = ELSEWHERE * max(max(c.noise, c.step) for c in channels)
     largest, starts = max(((abs(float(c.model[0])), k) for k, c in enumerate(channels)), default=(0.0, 0))
     gain = shifts[starts] / float(channels[starts].model[0]) if largest else 0.0
     rest = [shift - gain * float(c.model[0]) for shift, c in zip(shifts, channels, strict=True)]
@@ -80,7 +80,7 @@ def _as_a_sensor(channels: Sequence[Channel]) -> bool:
 
 def _begins(channel: Channel, value: float) -> bool:
     """Whether the model of a channel begins at a value, in the channel's unit, but for noise."""
-    return abs(float(channel.model[0]) - value) <= AROUND * max(channel.noise, channel.step)
+    return abs(float(channel.model[0]) - value) <= ELSEWHERE * max(channel.noise, channel.step)
 
 
 def started_entry(fitted: Fit) -> LadderEntry:

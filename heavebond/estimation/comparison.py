@@ -63,7 +63,7 @@ TOLERANCES = Tolerances(1e-7, 1e-9)
 MANY = 10_000  # samples from which on the compiled program compares
 # Deviations of the noise by which the first sample of a state must differ from the start of the model: by chance once in a
 # million records.
-_ELSEWHERE = 5.0
+ELSEWHERE = 5.0
 
 
 @dataclass(frozen=True)
@@ -287,7 +287,7 @@ def _elsewhere(measured: Measured, states: Sequence[Channel]) -> list[Channel]:
             if c.time[0] <= measured.grid[0] and c.name not in measured.declared
             and not (c.outlier[0] and measured.channels[c.name].output.drop_outliers)
             and not (c.late is not None and c.late.noticeable and c.late.explains(c.noise))
-            and abs(c.measured[0] - c.model[0]) > _ELSEWHERE * max(c.noise, c.step)]
+            and abs(c.measured[0] - c.model[0]) > ELSEWHERE * max(c.noise, c.step)]
 
 
 def _start_note(channel: Channel, output: Output, steady: bool) -> str:

@@ -285,10 +285,11 @@ def proposed_text(path: Path, model: Model, files: Sequence[Path]) -> tuple[str,
     HeavebondError where no column is a time, or none can be an output.
     """
     assembly = assemble(model)
-    found = propose(read_table(files[0]), assembly)
+    tables = {file: read_table(file) for file in files}
+    found = propose(tables[files[0]], assembly)
     chosen = [Chosen(c.name, c.role, c.unit, c.target, c.interpolation or "linear") for c in found.columns if c.role]
     uses = {file: "validate" if k else "fit" for k, file in enumerate(files)}
-    parts = {file: part for file in files if (part := _without_gaps(read_table(file), chosen)) is not None}
+    parts = {file: part for file, table in tables.items() if (part := _without_gaps(table, chosen)) is not None}
     found = replace(found, remarks=(*found.remarks, *(part.words(file.name) for file, part in parts.items())))
     text = experiment_text(path.stem, path, Records(model.path, uses, chosen, parts=parts), _unrecognised(found))
     able = [f"#   {name}: {range_around(bound.value.text, TOLERANCE)}" for name, bound, _ in declared(assembly.flat.expanded)
