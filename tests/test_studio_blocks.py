@@ -117,6 +117,7 @@ def test_a_block_is_edited_in_the_page_and_its_diagram_runs_with_it(tab: browser
     tab.click("#edit-block")
     tab.wait("studio.document.name === 'components/strut.yaml' && Boolean(studio.view?.parts?.damper)")
     tab.click("g.part[data-part='damper'] .frame")
+    tab.wait("document.getElementById('p-damper.d') !== null")
     tab.run("document.getElementById('p-damper.d').focus(); document.getElementById('p-damper.d').select()")
     tab.write("10 N*s/m")
     tab.key("Enter", code=13, text="\r")

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time as clock
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
 from threading import Lock
 from typing import Any, TypeVar
@@ -49,7 +50,7 @@ class Cluster(Workers):
             raise UsageError([Problem("scheduler-silent", f"no scheduler answers at '{address}'", None,
                                       "Start one with `dask scheduler`, and workers with `dask worker tcp://HOST:8786 "
                                       "--nthreads 1`; the address is what it prints.", (str(error),))]) from None
-        self.executor, self.address = self.client.get_executor(), address
+        self.address = address
         self._missed: float | None = None  # since when there is no worker
         try:
             self.number = self._checked(address)
@@ -84,8 +85,23 @@ class Cluster(Workers):
 
     def submit(self, function: Callable[..., T], /, *given: Any, **named: Any) -> Future[T]:
         self._missed = None
-        found: Future[T] = self.executor.submit(_alone, function, *given, **named)
-        return found
+        answer: Future[T] = Future()
+        self.client.loop.add_callback(self._handed_over, self.client.submit(_alone, function, *given, pure=False, **named),
+                                      answer)
+        return answer
+
+    async def _handed_over(self, task: Any, answer: Future[Any]) -> None:
+        """What comes of a task as the answer to it. A result that goes with its worker before it is fetched is waited for
+        again, as the scheduler has it made anew; the executor of dask itself raises a TypeError then."""
+        try:
+            found = await self.client.gather(task, asynchronous=True)
+        except (asyncio.CancelledError, CancelledError):
+            answer.cancel()
+            answer.set_running_or_notify_cancel()
+        except BaseException as error:
+            answer.set_exception(error)
+        else:
+            answer.set_result(found)
 
     def listen(self) -> None:
         if self.client.status != "running":
