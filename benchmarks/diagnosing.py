@@ -22,9 +22,9 @@ from benchmarks.diagnosis.independent import write_case
 from benchmarks.diagnosis.long_drive import write_drive
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.measuring import Figure, cpu, duration, paired, spoken
+from heavebond.diagnosis.base_model import SEARCH, Base, searched
 from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
-from heavebond.diagnosis.scoring import SEARCH, Base, searched
 from heavebond.estimation.residuals import Run
 from heavebond.estimation.starter_folder import start_folder
 from heavebond.numerics.quick_simulation import QuickSimulator

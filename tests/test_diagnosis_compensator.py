@@ -9,9 +9,10 @@ import pytest
 
 from benchmarks.diagnosis.compensator import CASES, LEAKAGE, made
 from heavebond.diagnosis.attempt import attempt
+from heavebond.diagnosis.base_model import Base, searched
 from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
-from heavebond.diagnosis.scoring import Base, scored, searched
+from heavebond.diagnosis.scoring import scored
 from heavebond.diagnosis.stage import fitted_base, make_stage
 from heavebond.estimation.fitting import fit
 from heavebond.numerics.simulator import Tolerances

@@ -16,6 +16,7 @@ import pytest
 from heavebond.core.cancellation import clear_signal, time_limit
 from heavebond.diagnosis import verdict
 from heavebond.diagnosis.adequacy import Adequacy
+from heavebond.diagnosis.base_model import Base, searched
 from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.confidence_set import block_length, confidence_set, resampled
 from heavebond.diagnosis.diagnosis import diagnose
@@ -24,7 +25,7 @@ from heavebond.diagnosis.like_places import candidates
 from heavebond.diagnosis.places import Places
 from heavebond.diagnosis.predictive_errors import FITTED, SELECTION, TEST, Series, binned, cross_validated, predictive_errors
 from heavebond.diagnosis.refit import Refit, begun
-from heavebond.diagnosis.scoring import Base, scored, searched
+from heavebond.diagnosis.scoring import scored
 from heavebond.diagnosis.stage import fitted_base
 from heavebond.estimation.experiment import Experiment, is_test, load_experiment
 from heavebond.estimation.residuals import ARRIVED, GIVEN_UP, Descent

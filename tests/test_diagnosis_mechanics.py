@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from heavebond.diagnosis.base_model import Base, searched
 from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.refit import Refit, begun, followed
 from heavebond.diagnosis.refit_schedule import planned
-from heavebond.diagnosis.scoring import Base, scored, searched
+from heavebond.diagnosis.scoring import scored
 from heavebond.diagnosis.stage import fitted_base
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.experiment import load_experiment

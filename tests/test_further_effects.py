@@ -14,11 +14,11 @@ from scipy.interpolate import CubicSpline
 
 import heavebond as hb
 from heavebond.diagnosis import further_effects
+from heavebond.diagnosis.base_model import Base
 from heavebond.diagnosis.catalogue import EffectNumber
 from heavebond.diagnosis.constancy import Constancy, constancy
 from heavebond.diagnosis.further_effects import material_share, supported
 from heavebond.diagnosis.predictive_errors import FITTED, SELECTION, PredictiveErrors
-from heavebond.diagnosis.scoring import Base
 from heavebond.diagnosis.stage import fitted_base
 from heavebond.diagnosis.stepwise_selection import SelectedEffect, Selection
 

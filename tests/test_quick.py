@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from heavebond.core.errors import SimulationError
+from heavebond.diagnosis.base_model import SEARCH
 from heavebond.diagnosis.catalogue import single_candidates
-from heavebond.diagnosis.scoring import SEARCH
 from heavebond.estimation import residuals
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.residuals import Descent, Exceeded, Residuals, Run
@@ -62,7 +62,7 @@ def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("between", ["spline", "hold"])
 def test_a_search_runs_as_idas_does(rig: Path, between: str) -> None:
-    """Within a twentieth of the noise, which is what a search may err by (`scoring.ERRS`), and 1 % of each derivative."""
+    """Within a twentieth of the noise, which is what a search may err by (`base_model.ERRS`), and 1 % of each derivative."""
     wrong, _ = differences(load_experiment(rig / f"{between}.yaml"))
     assert wrong[0] < 0.05 and wrong[1:].max() < 0.01
 

@@ -14,10 +14,11 @@ from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
 from heavebond.diagnosis import refit
+from heavebond.diagnosis.base_model import Base
 from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.diagnosis import diagnose
 from heavebond.diagnosis.refit import Refit, begun, followed, polished
-from heavebond.diagnosis.scoring import Base, Score, scored
+from heavebond.diagnosis.scoring import Score, scored
 from heavebond.diagnosis.stage import fitted_base
 
 

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from heavebond.diagnosis import refit_schedule, scoring
+from heavebond.diagnosis import base_model, refit_schedule, scoring
+from heavebond.diagnosis.base_model import Base, searched
 from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.equivalent_values import equivalent_values
-from heavebond.diagnosis.scoring import Base, Score, scored, searched
+from heavebond.diagnosis.scoring import Score, scored
 from heavebond.diagnosis.verdict import acting_as_values
 from heavebond.estimation.comparison import assemble_for, driven_by
 from heavebond.estimation.experiment import load_experiment
@@ -234,14 +235,15 @@ def test_a_tangent_that_is_noise_gives_way_to_a_secant(problem: Residuals, monke
     candidate = _candidate(problem, "PneumaticOrifice between supply and receiver")
     true, *_ = scored(base, candidate)
     assert true.side == 0
-    responses, random = scoring._responses, np.random.default_rng(1)
+    responses, random = base_model.responses, np.random.default_rng(1)
 
     def noisy(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> tuple[Array, dict[str, Array]]:
         r, moved = responses(base, runs, values)
         noise = random.standard_normal(len(r))
         return r, {name: 1e3 * true.size * noise / np.linalg.norm(noise) for name in moved}
 
-    monkeypatch.setattr(scoring, "_responses", noisy)
+    for module in (base_model, scoring):
+        monkeypatch.setattr(module, "responses", noisy)
     (found,) = scored(base, candidate)
     assert found.side == 1
     assert found.size == pytest.approx(true.size, rel=0.2)  # a decade of amplitudes of a law that is not quite linear

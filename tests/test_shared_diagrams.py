@@ -10,10 +10,11 @@ import pytest
 
 from benchmarks.diagnosis.rigs import RIGS
 from heavebond.core.errors import ModelError
+from heavebond.diagnosis.base_model import Base
 from heavebond.diagnosis.candidate_workers import Workers
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.like_places import candidates, named_apart
-from heavebond.diagnosis.scoring import Base, Score, scored
+from heavebond.diagnosis.scoring import Score, scored
 from heavebond.diagnosis.shared_diagrams import SharedDiagram, shared_diagrams
 from heavebond.diagnosis.stage import fitted_base
 from heavebond.estimation.change import Change

@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 
 from heavebond.core.progress import Progress
+from heavebond.diagnosis.base_model import Base
 from heavebond.diagnosis.candidate_workers import Workers
 from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.diagnosis import diagnose
 from heavebond.diagnosis.refit import Refit
-from heavebond.diagnosis.scoring import Base, Score, scored
+from heavebond.diagnosis.scoring import Score, scored
 from heavebond.diagnosis.shared_diagrams import SharedDiagram
 from heavebond.diagnosis.stage import fitted_base, make_stage
 from heavebond.estimation.experiment import load_experiment

@@ -16,10 +16,11 @@ from benchmarks.diagnosis.machines import NOISE, Machine
 from benchmarks.diagnosis.making import QUICK, TIGHT, generator
 from heavebond.core.errors import HeavebondError, SimulationError
 from heavebond.core.units import parse_range
+from heavebond.diagnosis.base_model import Base, searched
 from heavebond.diagnosis.catalogue import Candidate, quantity, single_candidates
 from heavebond.diagnosis.fixed_values import VALUE, fixed_values
 from heavebond.diagnosis.places import Places
-from heavebond.diagnosis.scoring import Base, Score, scored, searched
+from heavebond.diagnosis.scoring import Score, scored
 from heavebond.diagnosis.stage import UNKNOWN
 from heavebond.estimation.experiment import Experiment, Free
 from heavebond.estimation.residuals import Run

@@ -16,6 +16,7 @@ from heavebond.core.kept_lines import Kept
 from heavebond.core.packed import packed, unpacked
 from heavebond.core.parallel import Processes, as_done, check_cancelled, forks, processors
 from heavebond.core.progress import Progress
+from heavebond.diagnosis.base_model import Base, searched
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.kept_refits import (
     digest,
@@ -29,7 +30,7 @@ from heavebond.diagnosis.kept_refits import (
 )
 from heavebond.diagnosis.like_places import named_apart
 from heavebond.diagnosis.refit import Refit, begun, followed, polished
-from heavebond.diagnosis.scoring import Base, Score, scored, searched
+from heavebond.diagnosis.scoring import Score, scored
 from heavebond.diagnosis.shared_diagrams import SharedDiagram, shared_diagrams
 from heavebond.estimation.experiment import Experiment
 from heavebond.numerics.dae import Array

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.diagnosis.base_model import Base
 from heavebond.diagnosis.catalogue import EffectNumber
 from heavebond.diagnosis.decision import DECISION
-from heavebond.diagnosis.scoring import Base
 from heavebond.localise.error_states import envelope
 from heavebond.numerics.dae import Array
 

@@ -14,8 +14,9 @@ from contextlib import suppress
 import numpy as np
 
 from heavebond.core.errors import HeavebondError
+from heavebond.diagnosis.base_model import Base, sensitivities
 from heavebond.diagnosis.fixed_values import fixed_values
-from heavebond.diagnosis.scoring import SAME, Base, Score, sensitivities
+from heavebond.diagnosis.scoring import SAME, Score
 from heavebond.estimation.change import Change
 from heavebond.numerics.dae import Array
 

@@ -23,9 +23,10 @@ import numpy as np
 from heavebond import __version__
 from heavebond.core.errors import HeavebondError
 from heavebond.core.kept_lines import Kept, KeptLines
+from heavebond.diagnosis.base_model import Base
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.refit import Refit, at_end_of
-from heavebond.diagnosis.scoring import Base, Score
+from heavebond.diagnosis.scoring import Score
 from heavebond.estimation.residuals import Descent
 
 SAME = 1e-6  # share by which the sum of squares may differ from the kept one: that of the tolerances of the runs

@@ -16,20 +16,12 @@ import numpy as np
 from heavebond.core.errors import HeavebondError, SimulationError, StartError
 from heavebond.core.progress import Progress
 from heavebond.core.units import Range
+from heavebond.diagnosis.base_model import Base, exact_runs
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.early_stopping import LITTLE, Enough, made_progress, stop_inferior_starts, stop_stalled
 from heavebond.diagnosis.predictive_errors import SELECTION, TEST, PredictiveErrors, predictive_errors
 from heavebond.diagnosis.range_ends import passed_ends, unshown_amplitudes
-from heavebond.diagnosis.scoring import (
-    BEYOND,
-    Base,
-    Score,
-    admissible_sides,
-    exact_runs,
-    may_be_below_neutral,
-    point_of_range,
-    shape_ranges,
-)
+from heavebond.diagnosis.scoring import BEYOND, Score, admissible_sides, may_be_below_neutral, point_of_range, shape_ranges
 from heavebond.estimation.experiment import Experiment, Free
 from heavebond.estimation.fitting import own_start
 from heavebond.estimation.residuals import AT_END, Descent, Exceeded, Residuals, Run

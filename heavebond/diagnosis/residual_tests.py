@@ -19,8 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from heavebond.diagnosis.base_model import Base
 from heavebond.diagnosis.decision import DECISION
-from heavebond.diagnosis.scoring import Base, Score
+from heavebond.diagnosis.scoring import Score
 from heavebond.estimation.input_noise import NOTICEABLE
 from heavebond.estimation.residuals import Run
 from heavebond.numerics.dae import Array

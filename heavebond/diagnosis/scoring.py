@@ -18,30 +18,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from heavebond.core.errors import HeavebondError
 from heavebond.core.units import Dimension
+from heavebond.diagnosis.base_model import Base, plain_residuals, responses, sensitivities, values_at
 from heavebond.diagnosis.catalogue import Candidate, EffectNumber, quantity
 from heavebond.diagnosis.shared_diagrams import SharedDiagram
-from heavebond.estimation.change import Change
-from heavebond.estimation.comparison import assemble_for, driven_by
-from heavebond.estimation.experiment import Experiment, Record
-from heavebond.estimation.residuals import Residuals, Run
+from heavebond.estimation.residuals import Run
 from heavebond.language.symbols import kinked
-from heavebond.numerics.dae import Array, Assembly
-from heavebond.numerics.quick_simulation import QuickSimulator, Unexplained
+from heavebond.numerics.dae import Array
+from heavebond.numerics.quick_simulation import QuickSimulator
 from heavebond.numerics.result import Probe
-from heavebond.numerics.simulator import Tolerances
 
-# A search needs no more where the runs then err by less than this share of the noise (rms): what they err by, candidates
-# would explain. Where a record moves so far above its noise that they err by more, each is made that much finer, so often.
-SEARCH = Tolerances(1e-5, 1e-7)
-ERRS, FINER, TIMES = 0.05, 0.1, 2
 # Of a direction less than this share is left when what is free has taken its part: the candidate acts as the free
 # parameters do, and no record can tell them apart.
 SAME = 1e-3
@@ -57,7 +48,6 @@ AGREES, DECADES = 0.2, 15
 # What is sought where the motion of the base model goes is sought this share of its span beyond: the machine and other
 # records move further, and a limit that is not reached must not stand where they do.
 BEYOND = 0.5
-DIAGRAMS = 200  # changed diagrams that are kept, of about 1 MB each
 # The size of an amplitude for error control: it moves the channels by so many times the misfit. With 10 the tangents of a
 # stiff rig err by 1 % in runs of a third more evaluations, with 1 by 5 %, with 0.01 by as much as they are. It is sought in
 # so many runs at most, until one changes it by less than a factor.
@@ -101,137 +91,6 @@ class Score:
     def told_apart(self) -> bool:
         """Whether the records see it as anything but the free parameters."""
         return self.size > 0 and self.share > SAME
-
-
-def searched(experiment: Experiment, tolerances: Tolerances = SEARCH) -> Residuals:
-    """The least squares problem of an experiment with runs for a search."""
-    fitted = [r for r in experiment.records.values() if r.use == "fit"]
-    return Residuals(experiment, runs=[Run(experiment, record, list(experiment.free), tolerances, kind=QuickSimulator)
-                                       for record in fitted])
-
-
-def finer(problem: Residuals) -> Residuals:
-    """The same problem with runs that err by less."""
-    now = problem.runs[0].simulator.tolerances
-    then = replace(now, rtol=FINER * now.rtol, atol=FINER * now.atol)
-    return Residuals(problem.experiment, runs=[run.again(run.names, {}, QuickSimulator, then) for run in problem.runs])
-
-
-def exact_runs(experiment: Experiment, fitted: Sequence[Run], like: Mapping[str, Run] | None = None) -> dict[str, Run]:
-    """Runs of all records by IDAS; those fitted as given, of the others those of another diagram (`like`) may be there."""
-    own = {run.record.name: run.again([], {}, Unexplained) for run in fitted}
-    like = like or {}
-    first = fitted[0]
-
-    def other(record: Record) -> Run:
-        return Run(experiment, record, [], first.simulator.tolerances, kind=Unexplained, like=like.get(record.name),
-                   assembly=driven_by(first.assembly, experiment, first.record, record))
-
-    return {name: own.get(name) or other(record) for name, record in experiment.records.items()}
-
-
-@dataclass(frozen=True)
-class Diagram:
-    """A changed diagram: the experiment with it, and its equations for each of the records that are fitted."""
-
-    experiment: Experiment
-    assemblies: tuple[Assembly, ...]
-
-
-@dataclass(frozen=True)
-class Base:
-    """The base model at its optimum: residuals r (n,) by IDAS and `quick` by the integrator of the search, Jacobian J
-    (n, m), the derivatives of the priors (priors, m), the inner unknowns (m,), and runs of all records by IDAS."""
-
-    problem: Residuals
-    inner: Array
-    r: Array
-    quick: Array
-    J: Array
-    priors: Array
-    exact: Mapping[str, Run]
-    diagrams: dict[str, Diagram] = field(default_factory=dict, repr=False, compare=False)
-    shared: dict[str, list[Run] | None] = field(default_factory=dict, repr=False, compare=False)  # see `sleeping`
-
-    @classmethod
-    def at(cls, problem: Residuals, inner: Array) -> Base:
-        """The base at a point of its least squares problem."""
-        J = problem.evaluate(inner)[1]
-        exact = exact_runs(problem.experiment, problem.runs)
-        r = np.concatenate([exact[run.record.name].residuals(problem.values_of(inner, run.record.name))[0]
-                            for run in problem.runs])
-        quick = np.concatenate([run.again([], {}, QuickSimulator).residuals(problem.values_of(inner, run.record.name))[0]
-                                for run in problem.runs])
-        return cls(problem, inner, r, quick, J, problem.priors(inner)[1], exact)
-
-    def diagram(self, change: Change) -> Diagram:
-        """The changed diagram; one that is scored and then refitted is assembled once. HeavebondError where it cannot be."""
-        key = repr(change)
-        if key not in self.diagrams:
-            changed = change.on_experiment(self.problem.experiment)
-            made = Diagram(changed, tuple(assemble_for(changed, run.record) for run in self.problem.runs))
-            if len(self.diagrams) == DIAGRAMS:
-                del self.diagrams[next(iter(self.diagrams))]
-            self.diagrams[key] = made
-        return self.diagrams[key]
-
-    def runs(self, change: Change, names: Sequence[str], among: Sequence[str] = ()) -> list[Run]:
-        """The fitted records with the changed diagram, whose parameters `names` are to be moved, `among` others that other
-        runs with it move."""
-        made = self.diagram(change)
-        pairs = zip(self.problem.runs, made.assemblies, strict=True)
-        return [Run(made.experiment, run.record, list(names), run.simulator.tolerances, kind=QuickSimulator, like=run,
-                    assembly=assembly, among=among) for run, assembly in pairs]
-
-    def sleeping(self, shared: SharedDiagram | None, label: str) -> list[Run] | None:
-        """The fitted records with the diagram that a candidate shares with others, without sensitivities: that of all of
-        them, or of as many as leave the base model what it is while they sleep. None where the candidate has none."""
-        while shared is not None:
-            key = repr(shared.members)
-            if key not in self.shared:
-                self.shared[key] = self._sleeping(shared)
-            if (found := self.shared[key]) is not None:
-                return found
-            shared = shared.half(label)
-        return None
-
-    def _sleeping(self, shared: SharedDiagram) -> list[Run] | None:
-        try:
-            runs = self.runs(shared.change, [], shared.amplitudes)
-            alike = all(_same_unknowns(run.assembly, own.assembly) for run, own in zip(runs, self.problem.runs, strict=True))
-            return runs if alike and np.linalg.norm(_plain_residuals(self, runs, {}) - self.quick) <= self.error else None
-        except HeavebondError:
-            return None
-
-    @cached_property
-    def cost(self) -> float:
-        """The sum of squares of data and priors."""
-        prior = self.problem.priors(self.inner)[0]
-        return float(self.r @ self.r + prior @ prior)
-
-    @cached_property
-    def error(self) -> float:
-        """The length of what the integrator of the search does to the residuals by its errors."""
-        return float(np.linalg.norm(self.r - self.quick))
-
-    @cached_property
-    def moving(self) -> NDArray[np.int64]:
-        """The free parameters (indices) that are not held by an end of their range: one that is can take nothing more."""
-        return np.flatnonzero(~self.problem.at_end(self.inner))
-
-    @property
-    def rough(self) -> bool:
-        """Whether the runs of the search err by more than is small beside the noise."""
-        return self.error > ERRS * float(np.sqrt(len(self.r)))
-
-    def split(self, s: Array) -> tuple[Array, Array]:
-        """s without what the free parameters take of it, and the step of theirs that takes it: (n,), (m,)."""
-        J, priors = self.J[:, self.moving], self.priors[:, self.moving]
-        normal = J.T @ J + priors.T @ priors
-        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        step = np.zeros(len(self.inner))
-        step[self.moving] = np.linalg.lstsq(normal / scale[:, None] / scale, J.T @ s / scale, rcond=1e-12)[0] / scale
-        return s - self.J @ step, -step
 
 
 def scored(base: Base, candidate: Candidate, shared: SharedDiagram | None = None) -> list[Score]:
@@ -373,7 +232,7 @@ def _secant(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> Sco
     for _ in range(DECADES):
         size = min(10 * size, most)
         try:
-            effect = _plain_residuals(base, plain, _at(at_zero, side * size)) - base.quick
+            effect = plain_residuals(base, plain, _at(at_zero, side * size)) - base.quick
         except HeavebondError:
             break
         found = _scored(base, at_zero.candidate, at_zero.shapes, effect / size, ROUGH * base.error / size)
@@ -395,7 +254,7 @@ def _turned(one: Score, other: Score) -> bool:
 def _beside(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> tuple[Score, Array]:
     """The score from the tangent at an amplitude, and the effect (n,) of that on the residuals."""
     side = 1 if step > 0 else -1
-    r, moved = _responses(base, runs, _at(at_zero, step))
+    r, moved = responses(base, runs, _at(at_zero, step))
     s = side * np.sum([moved[name] for name in at_zero.along], axis=0)
     found = _scored(base, at_zero.candidate, at_zero.shapes, s)
     return replace(found, amplitude=side * found.amplitude, along=at_zero.along, side=side), r - base.quick
@@ -425,36 +284,7 @@ def _settled(candidate: Candidate, runs: Sequence[Run], base: Base) -> Candidate
 def _difference(base: Base, runs: Sequence[Run], shapes: Mapping[str, float]) -> Array:
     """What an effect that has no zero does to the residuals (n,) from a finite value on: the secant in place of the
     tangent, so that an amplitude of 1 is that value."""
-    return _plain_residuals(base, runs, shapes) - base.quick
-
-
-def _plain_residuals(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> Array:
-    """The residuals (n,) with the base's values and these."""
-    return np.concatenate([run.residuals(_values(base, run, values))[0] for run in runs])
-
-
-def _same_unknowns(one: Assembly, other: Assembly) -> bool:
-    """Whether two diagrams have the same states and algebraic unknowns, and as many events."""
-    return one.state_names == other.state_names and one.algebraic_names == other.algebraic_names and \
-        len(one.flat.events) == len(other.flat.events)
-
-
-def _values(base: Base, run: Run, more: Mapping[str, float]) -> dict[str, float]:
-    """The base's values that the changed diagram has, and `more`."""
-    known = run.assembly.parameter_values
-    values = base.problem.values_of(base.inner, run.record.name)
-    return {**{name: value for name, value in values.items() if name in known}, **more}
-
-
-def sensitivities(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> dict[str, Array]:
-    """d r / d a (n,) for each amplitude."""
-    return _responses(base, runs, values)[1]
-
-
-def _responses(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> tuple[Array, dict[str, Array]]:
-    """The residuals (n,) with these values, and d r / d a (n,) for each amplitude."""
-    found = [run.residuals(_values(base, run, values)) for run in runs]
-    return np.concatenate([r for r, _ in found]), dict(zip(runs[0].names, np.hstack([J for _, J in found]), strict=True))
+    return plain_residuals(base, runs, shapes) - base.quick
 
 
 def _scored(base: Base, candidate: Candidate, shapes: Mapping[str, float], s: Array, least: float = 0.0) -> Score:
@@ -525,7 +355,7 @@ def motion_ranges(numbers: Sequence[EffectNumber], runs: Sequence[Run], base: Ba
     if not variables:
         return {}
     names = list(dict.fromkeys(name for motions in variables.values() for name in motions))
-    courses = np.hstack([Probe(run.assembly, names, si=True).values(run.simulator.run(_values(base, run, {})))
+    courses = np.hstack([Probe(run.assembly, names, si=True).values(run.simulator.run(values_at(base, run, {})))
                          for run in runs])
     ends = {name: (float(course.min()), float(course.max())) for name, course in zip(names, courses, strict=True)}
     return {name: (min(ends[m][0] for m in motions), max(ends[m][1] for m in motions))

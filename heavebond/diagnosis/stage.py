@@ -16,6 +16,7 @@ import numpy as np
 from heavebond.core.cancellation import clear_signal
 from heavebond.core.errors import SimulationError
 from heavebond.core.progress import Progress
+from heavebond.diagnosis.base_model import TIMES, Base, finer, searched
 from heavebond.diagnosis.calibration_errors import is_calibration_error
 from heavebond.diagnosis.candidate_workers import Workers
 from heavebond.diagnosis.catalogue import Candidate, single_candidates
@@ -28,7 +29,7 @@ from heavebond.diagnosis.predictive_errors import SELECTION, TEST, PredictiveErr
 from heavebond.diagnosis.refit import Refit, bic, refitted_from
 from heavebond.diagnosis.refit_schedule import RefitSchedule, planned
 from heavebond.diagnosis.residual_tests import ResidualTests, is_noise, leftover
-from heavebond.diagnosis.scoring import TIMES, Base, Score, finer, searched
+from heavebond.diagnosis.scoring import Score
 from heavebond.equations.places import nodes_of
 from heavebond.estimation.experiment import Experiment
 from heavebond.estimation.residuals import Residuals
