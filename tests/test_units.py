@@ -77,6 +77,22 @@ def test_constants_decibels_and_money_are_no_units(text: str) -> None:
         read_unit(text)
 
 
+@pytest.mark.parametrize(("text", "advice"), [
+    ("Grad", "Did you mean 'deg'?"), ("Min", "Did you mean 'min'?"), ("Mm", "Did you mean 'mm'?"),
+    ("kN/Mm", "Did you mean 'kN/mm'?"), ("U/min", "Did you mean 'rpm'?"), ("Gs", ""), ("PS", ""), ("Mrad/s", ""),
+    ("Mpsi", ""), ("barg", "Write 'bar':"), ("psig", "Write 'psi':"), ("kPa_abs", "Write 'kPa':")])
+def test_units_that_the_library_would_misread(text: str, advice: str) -> None:
+    with pytest.raises(UnitProblem) as caught:
+        read_unit(text)
+    assert caught.value.hint.startswith(advice)
+
+
+@pytest.mark.parametrize(("text", "scale"), [("MN", 1e6), ("GPa", 1e9), ("MPa/s", 1e6), ("TJ", 1e12), ("Mg", 1e3),
+                                             ("Mohm", 1e6), ("MHz", 1e6), ("mrad", 1e-3), ("uin", 2.54e-8), ("daN", 10.0)])
+def test_prefixes_in_use(text: str, scale: float) -> None:
+    assert read_unit(text).scale == pytest.approx(scale, rel=1e-14)  # a product of two doubles
+
+
 @pytest.mark.parametrize("text", ["N m", "(N)", "N/", "/m", "N//m", "__import__", "N;m", "N\nm", "1/", "m**", "m**x", "^2"])
 def test_refused_unit(text: str) -> None:
     with pytest.raises(UnitProblem):

@@ -117,3 +117,46 @@ def test_accelerations_in_multiples_of_gravity_are_read_and_proposed_as_such(tmp
         hb.compare(tmp_path / "log.yaml")
     assert all("g_n" in problem.hint for problem in caught.value.problems if problem.code == "unit-wrong")
     assert "unit-wrong" in {problem.code for problem in caught.value.problems}
+
+
+@pytest.mark.parametrize(("header", "row", "unit"), [
+    ("phi", "Grad", "deg"), ("torque", "kNm", "kN*m"), ("torque [Ncm]", "", "N*cm"), ("torque_lbf_ft", "", "lbf*ft"),
+    ("torque [ft-lb]", "", "lbf*ft"), ("torque", "in-lb", "lbf*in"), ("n", "min-1", "1/min"), ("clock", "Min", "min"),
+    ("pull_kN", "", "kN"), ("x", "foo", None)])
+def test_units_as_files_write_them(tmp_path: Path, header: str, row: str, unit: str | None) -> None:
+    (tmp_path / "log.csv").write_text(f"time;{header};other\n" + (f"s;{row};mm\n" if row else "") + "0;1;2\n1;2;3\n")
+    found = read_table(tmp_path / "log.csv").unit_of(header)
+    assert (found[1].text if found else None) == unit
+    if found and unit:
+        assert found[1].scale == read_unit(unit).scale
+
+
+PUMP = """\
+model: drive
+components:
+  engine: {is: SpeedSource, u: 1100 rpm}
+  pump: {is: HydraulicPump, D: 28 cm**3/rev}
+  line: {is: Volume, V: 1 L, beta: 1.4 GPa}
+  relief: {is: LaminarLeakage, C: 1e-10 m**3/(s*Pa)}
+  tank: {is: Tank}
+nodes:
+  drive: [engine.a, pump.s]
+  high: [pump.b, line.a, relief.a]
+  low: [tank.a, pump.a, relief.b]
+show: {pressure: {is: high.p, unit: bar}}
+simulate: {until: 1 s}
+"""
+
+
+def test_what_a_source_prescribes_is_proposed_as_its_input(tmp_path: Path) -> None:
+    """The measured speed of a pump that a speed source turns is no output, even where the source is called otherwise."""
+    (tmp_path / "drive.yaml").write_text(PUMP)
+    rows = "".join(f"{0.01 * k},{k % 9},{k % 7}\n" for k in range(40))
+    (tmp_path / "log.csv").write_text("t_s,pump_rpm,high [barg]\n" + rows)
+    found = CliRunner().invoke(main, ["new", str(tmp_path / "log.yaml"), "--from", str(tmp_path / "drive.yaml"),
+                                      str(tmp_path / "log.csv")])
+    assert found.exit_code == 0, found.output
+    text = (tmp_path / "log.yaml").read_text()
+    assert "engine.u: {column: pump_rpm, unit: rpm" in text
+    assert "pump.s.w" not in text
+    assert "'barg', the unit of 'high [barg]', is not known. Write 'bar'" in found.output

@@ -71,4 +71,4 @@ def _experiment(path: Path, origin: str | None, records: tuple[Path, ...]) -> di
 
 
 def _unit(unit: str, known: bool) -> str:
-    return unit if known else f"{unit} (supposed: the file gives none)"
+    return unit if known else f"{unit} (supposed: the file gives none that is known)"

@@ -52,6 +52,7 @@ SPELLINGS = {
     "sec": "s", "Sec": "s", "KN": "kN", "Kg": "kg", "KG": "kg", "hz": "Hz", "kHZ": "kHz", "mpa": "MPa", "Mpa": "MPa",
     "gpa": "GPa", "Gpa": "GPa", "kpa": "kPa", "PA": "Pa", "Bar": "bar", "BAR": "bar", "cc": "cm**3", "m3": "m**3",
     "m2": "m**2", "s2": "s**2", "mm2": "mm**2", "cm2": "cm**2", "cm3": "cm**3", "mm3": "mm**3",
+    "Grad": "deg", "Min": "min", "RPM": "rpm", "Rpm": "rpm", "U/min": "rpm", "Mm": "mm",
     "Ohm": "ohm", "Ohms": "ohm", "ohms": "ohm", "mOhm": "mohm", "kOhm": "kohm", "MOhm": "Mohm"}
 COMMON = [
     "N", "kN", "MN", "kg", "t", "g", "m", "mm", "cm", "km", "s", "ms", "min", "h", "Pa", "kPa", "MPa", "GPa", "bar",
@@ -67,7 +68,13 @@ KNOWN = {
     "pint", "barrel", "horsepower", "metric_horsepower", "kilogram_force", "force_kilogram", "atmosphere",
     "standard_atmosphere", "torr", "millimeter_Hg", "centimeter_H2O", "poise", "stokes", "hectare", "are", "dyne",
     "erg", "standard_gravity", "british_thermal_unit", "calorie", "technical_atmosphere"}
+# units that bear a prefix above kilo; the units library puts one before any: `Min` (minutes) would be a million inches,
+# `Grad` (degrees) 1e9 radians
+PREFIXED = {"gram", "newton", "pascal", "bar", "hertz", "joule", "watt", "watt_hour", "volt", "ampere", "ohm", "liter",
+            "calorie"}
+LARGE = {"mega", "giga", "tera", "peta", "exa", "zetta", "yotta", "ronna", "quetta"}
 ANGLES = {"radian", "degree", "turn", "revolution", "revolutions_per_minute", "revolutions_per_second"}
+_GAUGE = re.compile(r"(bar|mbar|psi|[kM]?Pa)_?(?:g|a|gauge|abs|rel)")
 _MISSPELT = re.compile(rf"(?<![\w*])(?:{'|'.join(SPELLINGS)})(?![A-Za-z0-9])")
 
 
@@ -166,7 +173,7 @@ def _looked_up(text: str) -> Unit:
     try:
         parsed = registry.parse_units(text.replace("°C", "degC").replace("·", "*"))
         names = {next((n for _, n, _ in registry.parse_unit_name(name) if n in KNOWN), name) for name in parsed._units}
-        if not names <= KNOWN:
+        if not names <= KNOWN or any(_oddly_prefixed(registry, name) for name in parsed._units):
             raise ValueError(text)
         zero = registry.Quantity(0.0, parsed).to_base_units()
         one = registry.Quantity(1.0, parsed).to_base_units()
@@ -185,7 +192,25 @@ def _looked_up(text: str) -> Unit:
     return Unit(text, scale, offset, dimension, counts)
 
 
+def _oddly_prefixed(registry: UnitRegistry[Any], name: str) -> bool:
+    """Whether a unit bears a prefix above kilo that nobody puts there."""
+    readings = [(prefix, base) for prefix, base, _ in registry.parse_unit_name(name)]
+    return all(prefix in LARGE and base not in PREFIXED for prefix, base in readings)
+
+
+def unknown_unit(text: str) -> str:
+    """What to write in place of a unit that cannot be read."""
+    try:
+        read_unit(text)
+    except UnitProblem as problem:
+        return problem.hint
+    return ""
+
+
 def _unit_hint(text: str) -> str:
+    if (gauge := _GAUGE.fullmatch(text)) is not None:
+        return f"Write '{gauge.group(1)}': a unit does not say from where a pressure counts. Hydraulic circuits count " \
+            "from atmospheric pressure, pneumatic ones from vacuum; a gauge in one of these shows `node.p - 1.01325 bar`."
     if _MISSPELT.search(text):
         return f"Did you mean '{_MISSPELT.sub(lambda found: SPELLINGS[found.group()], text)}'?"
     if product := _as_product(text):

@@ -16,7 +16,7 @@ import numpy as np
 
 from heavebond.core.errors import DataError, HeavebondError, Problem, listing
 from heavebond.core.presentation import number
-from heavebond.core.units import Unit, UnitProblem, as_meant, dimension_text, parse_quantity, read_unit
+from heavebond.core.units import Unit, UnitProblem, as_meant, dimension_text, parse_quantity, read_unit, unknown_unit
 from heavebond.equations.parameters import declared
 from heavebond.estimation.change import block, quoted
 from heavebond.estimation.diagram_files import extended_from
@@ -89,7 +89,7 @@ def propose(table: Table, assembly: Assembly) -> Proposal:
     # a diagram that names no outputs may be compared by the variables of its own parts and nodes
     likely = outputs or [t for t in signals if t.name.count(".") == 1]
     able = [n for n in table.header if n in table.columns and n != time]
-    chosen = _matched(able, units, [*inputs, *likely], [*outputs, *signals])
+    chosen = _as_inputs(assembly, inputs, _matched(able, units, [*inputs, *likely], [*outputs, *signals]))
     columns, remarks = [], []
     for name in table.header:
         if name not in table.columns:
@@ -98,6 +98,8 @@ def propose(table: Table, assembly: Assembly) -> Proposal:
         role, target = ("time", None) if name == time else \
             (chosen[name].role, chosen[name]) if name in chosen else ("", None)
         columns.append(_column(table, name, units[name], role, target))
+        if units[name] is None and (unread := table.unit_text(name)):
+            remarks.append(f"'{unread}', the unit of '{name}', is not known. {unknown_unit(unread)}")
     if not inputs:
         remarks.append("no input of this diagram can be driven by a record: that needs a signal input that is given a value "
                        "and has no wire")
@@ -225,6 +227,24 @@ def _matched(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] 
             rivals = [t for t in group if t not in found.values() and t.unit.dimension == target.unit.dimension]
             if len(left) == 1 and rivals == [target]:
                 found[left[0]] = target
+    return found
+
+
+def _as_inputs(assembly: Assembly, inputs: Sequence[_Target], chosen: Mapping[str, _Target]) -> dict[str, _Target]:
+    """The targets of columns, with the input of a source in place of an output that this source prescribes: the measured
+    speed of a pump is not an output where a SpeedSource turns the shaft of the pump."""
+    expanded, found = assembly.flat.expanded, dict(chosen)
+    shared = {member for d in expanded.model.library.domains.values() for member in (*d.across, *d.positions)}
+    for column, target in chosen.items():
+        place, _, member = target.name.rpartition(".")
+        ends = next((j.ends for path, j in expanded.junctions.items()
+                     if place == path or any(place == f"{e.leaf}.{e.port}" for e in j.ends)), ())
+        if target.role != "output" or member not in shared:
+            continue
+        able = [t for t in inputs if t not in found.values() and t.unit.dimension == target.unit.dimension
+                and any(t.name.rpartition(".")[0] == e.leaf for e in ends)]
+        if len(able) == 1:
+            found[column] = able[0]
     return found
 
 

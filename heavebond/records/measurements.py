@@ -33,7 +33,7 @@ SUFFIXES = (*TEXT_SUFFIXES, *PARQUET_SUFFIXES, *MATLAB_SUFFIXES)  # of files tha
 GAP_FACTOR = 1.5
 BRIDGED = 3  # so many missing samples of an input in a row are interpolated without a word in the file
 _NAMED_UNIT = re.compile(r".*\S\s*([\[(][^\[\]()]+[\])])")  # pull [kN], p (bar)
-_TAGGED_UNIT = re.compile(r".+_([A-Za-z]{1,4})")  # pressure_Pa
+_TAGGED_UNIT = re.compile(r".+?_(lbf?_(?:ft|in)|(?:ft|in)_lbf?|[A-Za-z]{1,4})")  # pressure_Pa, torque_lbf_ft
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +80,11 @@ class Table:
             if found is not None:
                 return text.strip("[]()"), found, sure
         return None
+
+    def unit_text(self, name: str) -> str:
+        """The unit of a column as a row of units or brackets behind the name give it, whether or not it is known."""
+        bracket = _NAMED_UNIT.fullmatch(name)
+        return (self.units.get(name, "") or (bracket.group(1) if bracket else "")).strip("[]() ")
 
     def keep(self, mask: NDArray[np.bool_]) -> Table:
         """The same record with only the rows where `mask` (n,) is true."""

@@ -37,7 +37,11 @@ _LONGEST_UNIT = 12
 # As they stand in the files of programs, and as they are read here.
 _SPELT = (("°C", "degC"), ("°F", "degF"), ("°", "deg"), ("µ", "u"), ("μ", "u"), ("²", "**2"), ("³", "**3"), ("^", "**"),
           ("·", "*"))
-_WORDS = {"-": "1", "–": "1", "sec": "s", "Sek": "s", "Nm": "N*m", "l/min": "L/min", "l": "L", "U/min": "rpm", "C": "degC"}
+_WORDS = {"-": "1", "–": "1", "sec": "s", "Sek": "s", "l/min": "L/min", "l": "L", "U/min": "rpm",
+          "min-1": "1/min", "RPM": "rpm", "C": "degC", "Grad": "deg", "Min": "min", "Nm": "N*m", "kNm": "kN*m",
+          "mNm": "mN*m", "Ncm": "N*cm", "Nmm": "N*mm", "N.m": "N*m", "kN.m": "kN*m",
+          **{text: f"lbf*{length}" for length in ("ft", "in") for sign in "-_*. " for text in
+             (f"lb{sign}{length}", f"lbf{sign}{length}", f"{length}{sign}lb", f"{length}{sign}lbf")}}
 
 
 @dataclass(frozen=True, eq=False)
