@@ -157,6 +157,8 @@ class _Case:
         return first(reference, base, noise, shown)
 
     def _one_of(self, things: Sequence[T]) -> T:
+        if not things:  # a machine may have no value that is held fixed
+            raise _Unfit
         return things[int(self.rng.integers(len(things)))]
 
     def _fixed(self, reference: Base, base: Mapping[str, Array], noise: Array, shown: Mapping[str, float]) -> Drawn:
