@@ -20,8 +20,9 @@ from benchmarks.diagnosis import keeping
 from benchmarks.diagnosis.drawing import Drawn, drawn
 from benchmarks.diagnosis.machines import MACHINES, Machine
 from heavebond.core.errors import HeavebondError
+from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.diagnosis import Diagnosis
-from heavebond.diagnosis.fixed_values import VALUE
+from heavebond.diagnosis.fixed_values import VALUE, fixed_values
 from heavebond.diagnosis.identity import ALL
 from heavebond.diagnosis.like_places import candidates
 from heavebond.diagnosis.places import Places
@@ -66,15 +67,24 @@ def _row(case: Drawn, found: Diagnosis) -> dict[str, object]:
 
 def answers(case: Drawn, found: Diagnosis) -> dict[str, object]:
     """The set that the answer names, each class and place once, whether what was hidden is in it, and which of the events
-    it is."""
+    it is. Another value of a number of the diagram is what was hidden where the effect is nothing but that (heat capacity
+    put on a body, and the mass of that body)."""
     step = found.steps[0]
-    places, by_label = Places.of(step.experiment, step.as_one), {c.label: c for c in candidates(step.experiment)}
+    places = Places.of(step.experiment, step.as_one)
+    by_label = {c.label: c for c in (*candidates(step.experiment), *fixed_values(step.experiment))}
+    same = {name for label, names in step.acts_as.items() if label in by_label and case.matches(by_label[label], places)
+            for name in names}
+
+    def is_hidden(candidate: Candidate) -> bool:
+        return case.matches(candidate, places) or case.name == candidate.name or \
+            (candidate.kind == VALUE and not same.isdisjoint(n.name for n in candidate.numbers))
+
     named = [t.candidate for f in found.findings[:1] for t in f.alternatives] if found.verdict in NAMING else []
     events = found.evidence.effects if found.evidence is not None else ()
     return {"named": [c.label for c in named],
             "size": len({c.name if c.kind == VALUE else (c.kind, places.place(c)) for c in named}),
-            "right": any((c.label in by_label and case.matches(c, places)) or case.name == c.name for c in named),
-            "true": [e.labels[0] for e in events if any(label in by_label and case.matches(by_label[label], places)
+            "right": any(is_hidden(c) for c in named),
+            "true": [e.labels[0] for e in events if any(label in by_label and is_hidden(by_label[label])
                                                         for label in e.labels)]}
 
 

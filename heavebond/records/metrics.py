@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+# The distribution of Q (see `whiteness`) is drawn for records of fewer samples than LONG, from where on chi-square is right
+# to a tenth at p values of a few in a thousand; and only where chi-square leaves doubt: far outside of DOUBTFUL no
+# level of significance is near, whatever the tail.
+LONG, DOUBTFUL = 1000, (1e-6, 0.2)
+DRAWS, AT_ONCE = 20_000, 1000
 
 
 def rms_error(y: Array, ym: Array) -> float:
@@ -61,10 +67,13 @@ def autocorrelation(e: Array, lags: int) -> Array:
 def whiteness(e: Array, lags: int | None = None) -> float:
     """p value of the Ljung-Box test: small where e is not white noise about its mean.
 
-    Q = n (n + 2) sum_k r_k**2 / (n - k) is compared with chi-square of `lags` (min(20, n/5)) degrees of
-    freedom. An offset is no part of it: see `bias`. NaN for a constant and for no more than `lags` samples.
+    Q = n (n + 2) sum_k r_k**2 / (n - k), k = 1 .. `lags` (min(20, n/5)), follows chi-square of `lags` degrees of freedom
+    where n is large. Its tail is heavier in short records: of 240 samples 0.6 % have a p value below 0.25 %. There the p
+    value is the share of 20 000 sequences of white noise of the same length, drawn once, whose Q is as large. An offset is
+    no part of it: see `bias`. NaN for a constant and for no more than `lags` samples.
 
-    G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297-303, doi 10.1093/biomet/65.2.297.
+    G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297-303, doi 10.1093/biomet/65.2.297; M. Dwass, Annals of Mathematical
+    Statistics 28 (1957) 181-187, doi 10.1214/aoms/1177707045.
     """
     from scipy.special import chdtrc
 
@@ -72,9 +81,29 @@ def whiteness(e: Array, lags: int | None = None) -> float:
     lags = max(1, min(20, n // 5)) if lags is None else lags
     if n <= lags:
         return math.nan
-    r = autocorrelation(e, lags)[1:]
-    q = n * (n + 2) * float(np.sum(r**2 / (n - np.arange(1, lags + 1))))
-    return float(chdtrc(lags, q))
+    q = float(portmanteau(autocorrelation(e, lags)[1:], n))
+    p = float(chdtrc(lags, q))
+    if n >= LONG or not DOUBTFUL[0] < p < DOUBTFUL[1]:
+        return p
+    larger = int(np.sum(_drawn(n, lags) >= q))
+    return (larger + 1) / (DRAWS + 1)
+
+
+def portmanteau(r: Array, n: int) -> Array:
+    """Q of the autocorrelations r (..., lags) of n samples from lag 1 on (see `whiteness`)."""
+    return np.asarray(n * (n + 2) * np.sum(r**2 / (n - np.arange(1, r.shape[-1] + 1)), axis=-1))
+
+
+@lru_cache(maxsize=8)
+def _drawn(n: int, lags: int) -> Array:
+    """Q (DRAWS,) of sequences of white noise of n samples."""
+    random, found = np.random.default_rng(0), []
+    for _ in range(DRAWS // AT_ONCE):
+        e = random.standard_normal((AT_ONCE, n))
+        spectrum = np.fft.rfft(e - e.mean(axis=1, keepdims=True), 2 * n)
+        covariance = np.fft.irfft(np.abs(spectrum) ** 2, 2 * n)[:, :lags + 1]
+        found.append(portmanteau(covariance[:, 1:] / covariance[:, :1], n))
+    return np.concatenate(found)
 
 
 def _rms(e: Array) -> float:
