@@ -15,12 +15,13 @@ import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import Place
 from heavebond.core.units import parse_range
-from heavebond.estimation import starts
+from heavebond.estimation import fitting, starts
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.diagram_files import fitted_diagram, write
 from heavebond.estimation.excerpts import EXCERPTS
 from heavebond.estimation.experiment import Experiment, Free, load_experiment
 from heavebond.estimation.fitting import Fit, fit, profile
+from heavebond.estimation.records import measure
 from heavebond.estimation.residuals import SETTLED, SHORT, Residuals, condensed, promised
 from heavebond.reports.result_tables import own_words
 
@@ -122,6 +123,21 @@ def test_fit_tells_what_it_does_with_values_of_each_record(tmp_path: Path) -> No
                            "three, with all other values given")
     held_out = json.loads((tmp_path / "told.json").read_text())["held_out"]
     assert held_out["three"]["values"]["initial.load.x"] == pytest.approx(0.02, abs=5e-3)
+
+
+def test_initial_values_of_a_long_record_are_estimated_from_its_first_samples(tmp_path: Path,
+                                                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    """Later ones know less of them; a parameter that each record has for itself needs the tenth."""
+    monkeypatch.setattr(fitting, "BEGINNING", 20)  # of 400, as 1000 of a record of 20 000
+    experiment = _swing(tmp_path, {"one": 0.05, "two": -0.03, "three": 0.02})
+    third = experiment.records["three"]
+    own = fitting.own_values(experiment, third, {"spring.c": 1200.0})
+    time = measure(experiment, third).grid
+    assert own.seconds == pytest.approx(time[20] - time[0])
+    assert own.values["initial.load.x"] == pytest.approx(0.02, abs=1e-3)  # noise of 0.5 mm, 20 samples
+    length = replace(experiment.free["initial.load.x"], name="spring.l0")
+    with_l0 = replace(experiment, free={**experiment.free, "spring.l0": length})
+    assert fitting.own_values(with_l0, third, {"spring.c": 1200.0}).seconds == pytest.approx(time[40] - time[0])
 
 
 def test_a_fit_without_such_values_says_nothing_of_them() -> None:

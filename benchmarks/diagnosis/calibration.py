@@ -67,8 +67,8 @@ def _row(case: Drawn, found: Diagnosis) -> dict[str, object]:
 
 def answers(case: Drawn, found: Diagnosis) -> dict[str, object]:
     """The set that the answer names, each class and place once, whether what was hidden is in it, and which of the events
-    it is. Another value of a number of the diagram is what was hidden where the effect is nothing but that (heat capacity
-    put on a body, and the mass of that body)."""
+    it is. Another value of a number is what was hidden where the effect is nothing but that: another part of the same
+    component (heat capacity put on a body, and the mass of that body)."""
     step = found.steps[0]
     places = Places.of(step.experiment, step.as_one)
     by_label = {c.label: c for c in (*candidates(step.experiment), *fixed_values(step.experiment))}
@@ -76,14 +76,15 @@ def answers(case: Drawn, found: Diagnosis) -> dict[str, object]:
             for name in names}
 
     def is_hidden(candidate: Candidate) -> bool:
-        return case.matches(candidate, places) or case.name == candidate.name or \
-            (candidate.kind == VALUE and not same.isdisjoint(n.name for n in candidate.numbers))
+        return case.matches(candidate, places) or (
+            candidate.kind == VALUE and case.effect is not None and candidate.component == case.effect.component
+            and not same.isdisjoint(n.name for n in candidate.numbers))
 
     named = [t.candidate for f in found.findings[:1] for t in f.alternatives] if found.verdict in NAMING else []
     events = found.evidence.effects if found.evidence is not None else ()
     return {"named": [c.label for c in named],
             "size": len({c.name if c.kind == VALUE else (c.kind, places.place(c)) for c in named}),
-            "right": any(is_hidden(c) for c in named),
+            "right": any(is_hidden(c) or case.name == c.name for c in named),
             "true": [e.labels[0] for e in events if any(label in by_label and is_hidden(by_label[label])
                                                         for label in e.labels)]}
 

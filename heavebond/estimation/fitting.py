@@ -43,6 +43,8 @@ from heavebond.numerics.simulation import unfilled
 
 NORMAL_95 = 1.959963984540054
 OWN_STARTS = 6  # points from the best of which the values of a held-out record of its own are estimated
+# Samples that suffice where these only tell how the record begins: later ones know less of it, and take as long to run.
+BEGINNING = 1000
 
 
 @dataclass(frozen=True)
@@ -293,10 +295,12 @@ def own_start(experiment: Experiment, record: Record, values: Mapping[str, float
 
 def own_values(experiment: Experiment, record: Record, values: Mapping[str, float]) -> OwnValues:
     """Values of a held-out record that are its own, from its first tenth (from ten samples of each channel where that is
-    longer), all other values given."""
+    longer), all other values given. Of initial values alone, from a thousand samples at most."""
     own = {n: f for n, f in experiment.free.items() if f.each}
     found = measure(experiment, record)
-    ends = [found.grid[len(found.grid) // 10], *(c.time[:11][-1] for c in found.channels.values())]
+    tenth = len(found.grid) // 10
+    last = min(tenth, BEGINNING) if all(n.startswith("initial.") for n in own) else tenth
+    ends = [found.grid[last], *(c.time[:11][-1] for c in found.channels.values())]
     short = replace(record, end=float(max(ends)))
     pinned = experiment.model.with_parameters({k: v for k, v in values.items() if not k.startswith("initial.")})
     try:
