@@ -28,6 +28,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "diagnosis_study.md"
 BEGIN, END = "<!-- written by `python -m benchmarks.diagnosis.page` -->", "<!-- end of what it writes -->"
 OUTCOMES = {"right": "named", "cluster": "among the indistinguishable", "shape": "a shape, no name", "missed": "missed",
             "weak": "too weak", "wrong": "misclassified", "broken": "broken"}
+IMITATED = 1.3  # chi-square per sample up to which one class imitates another
 NEVER = 1e4  # chi-square per sample; nobody begins a diagnosis so far from the record
 Row = Mapping[str, Any]
 ANSWERS = (verdicts.RIGHT, verdicts.NONE, verdicts.MISSED, verdicts.WRONG)
@@ -287,16 +288,19 @@ def answers(rows: Sequence[Row]) -> str:
     alarms = sum(verdicts.outcome(r) == verdicts.WRONG for r in still)
     wrong = sum(verdicts.outcome(r) == verdicts.WRONG for r in inside)
     named = sum(bool(r["named"]) for r in inside)
+    imitated = [r for r in rows if r["hidden"] == "outside" and verdicts.outcome(r) == verdicts.WRONG]
+    close = sum(r["chi2"][-1][1] < IMITATED for r in imitated)
     return "\n\n".join([
         table(["hidden", *head], lines),
         f"Of {len(rows)} answers {share(found[verdicts.WRONG], len(rows))} were wrong, of the {named} sets named where the "
         f"catalogue has the class {share(wrong, named)}; of the {len(still)} records with nothing but free parameters "
         f"{share(alarms, len(still))} were false alarms (95 % intervals of Clopper and Pearson).",
         table(["machine", *head], each),
-        "All answers that are not right, with chi-square of the last model on what was not fitted:",
+        f"Where the class is struck, {len(imitated)} answers are wrong; in {close} of them another class leaves a "
+        f"chi-square below {IMITATED:g} on what was not fitted. All other answers that are not right, with that chi-square:",
         table(["machine", "hidden", "", "answer", "chi-square"],
               [(f"{r['machine']} {r['number']}", HIDDEN[r["hidden"]], r["label"], _said(r), figure(r["chi2"][-1][1]))
-               for r in rows if verdicts.outcome(r) != verdicts.RIGHT])])
+               for r in rows if verdicts.outcome(r) != verdicts.RIGHT and r["hidden"] != "outside"])])
 
 
 def _said(row: Row) -> str:

@@ -58,12 +58,12 @@ class Calibration:
     sheet is right, where no test speaks against it; lapse: share kept for effects of the catalogue that were not considered.
     """
 
-    cases: int = 229
-    temperature: float = 8.0
-    outside: float = 0.096
-    excess: float = 3.5
-    simpler: float = 42.0
-    lapse: float = 0.0125
+    cases: int = 745
+    temperature: float = 16.0
+    outside: float = 0.139
+    excess: float = 4.0
+    simpler: float = 40.0
+    lapse: float = 0.018
 
 
 CALIBRATION = Calibration()
