@@ -16,7 +16,7 @@ from heavebond.cli import main
 from heavebond.core.units import read_unit
 from heavebond.diagnosis.answer_notes import wrong_starts
 from heavebond.diagnosis.refit import Refit
-from heavebond.diagnosis.verdict import _revalued
+from heavebond.diagnosis.verdict import _revalued, _share
 from heavebond.estimation.constant_bias import Bias, common_bias, mean_residual
 
 MODEL = """
@@ -183,3 +183,8 @@ def test_a_value_that_acts_as_another_and_was_not_fitted_is_told_without_a_numbe
                      for values in ({"cabin.m": 1010.0}, {}))
     assert _revalued(fitted) == "cabin.m at 1.01 t (in the diagram 900 kg)"
     assert _revalued(alike) == "another value of cabin.m (in the diagram 900 kg)"
+
+
+@pytest.mark.parametrize(("explained", "words"), [(0.9997, "more than 99"), (0.994, "99"), (0.66, "66"), (0.0123, "1.2")])
+def test_a_share_beside_which_more_is_missing_is_never_all(explained: float, words: str) -> None:
+    assert _share(explained) == words

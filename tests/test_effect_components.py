@@ -167,6 +167,7 @@ def test_hysteresis_that_hardens_unloads_steeper() -> None:
     ("RotationalStribeckFriction", "M_c: 30 N*m, M_s: 50 N*m, w_s: 0.5 rad/s",
      lambda x, v: (30 + 20*np.exp(-(v/0.5)**2))*sign(v, 0.01)),
     ("ShaftCompliance", "c: 1 kN*m/rad, T_d: 20 ms", lambda x, v: 1e3*(x + 0.02*v)),
+    ("ShaftSlip", "d: 50 N*m*s/rad", lambda x, v: 50*v),
     ("GearBacklash", "gap: 0.05 rad, c: 1 kN*m/rad, d: 2 N*m*s/rad",
      lambda x, v: 1e3*(x - np.clip(x, -0.05, 0.05)) + 2*v),
 ])
@@ -534,7 +535,8 @@ OLD = {"Spring": (HANGING, "gas", "c: 5 kN/m"), "SpringDamper": (HANGING, "rope"
        "Receiver": (GAS, "vessel", "V: 10 L"), "Hose": (CIRCUIT, "more", "C: 3e-12 m**3/Pa"),
        "Orifice": (CIRCUIT, "outlet", "q_r: 1 L/s, dp_r: 10 bar")}
 # effects that have no value at which they are absent, at the end of their range where they hardly show
-NEARLY = {"SeriesCompliance": "c: 1e8 N/m", "ShaftCompliance": "c: 1e7 N*m/rad", "LineInertance": "I: 1e5 kg/m**4",
+NEARLY = {"SeriesCompliance": "c: 1e8 N/m", "ShaftCompliance": "c: 1e7 N*m/rad",
+          "ShaftSlip": "d: 1e7 N*m*s/rad", "LineInertance": "I: 1e5 kg/m**4",
           "LineVolume": "C: 1e-16 m**3/Pa", "FirstOrderLag": "T_1: 1 ms", "Delay": "T: 1 ms",
           "RateLimit": "r_max: 1e5 {}/s, T_f: 1 ms",
           "Saturation": "u_min: -1e6 {}, u_max: 1e6 {}", "Backlash": "gap: 1 um, c: 1e8 N/m, d: 1e6 N*s/m",
@@ -648,7 +650,7 @@ simulate: {until: 1 s}
 
 # -- what a finding is called ------------------------------------------------------------------------------------------
 KINDS = {"dry friction", "pressure-dependent friction", "viscous damping", "quadratic damping", "hysteresis", "stiffness",
-         "nonlinear stiffness", "backlash", "slack", "end stop", "constant force", "series compliance", "added mass",
+         "nonlinear stiffness", "backlash", "slack", "end stop", "constant force", "series compliance", "slip", "added mass",
          "leakage", "internal leakage", "orifice law", "line resistance", "line inertance", "hose compliance",
          "entrained air", "cavitation", "supply droop", "relief valve", "tank overflow", "valve overlap", "choked flow",
          "polytropic exponent", "heat exchange", "heat loss", "heat capacity", "sensor offset", "sensor gain", "lag",

@@ -146,6 +146,7 @@ CASES = [
     Case("rotational_stribeck_friction", "part.M",
          lambda t: (30 + 20*np.exp(-(w(t)/0.5)**2))*np.tanh(w(t)/0.01) + 10*w(t), LAW),
     Case("shaft_compliance", "part.M", lambda t: 1e4*(phi(t) + 0.02*w(t)), LAW),
+    Case("shaft_slip", "part.M", lambda t: 50*w(t), LAW),
     Case("torsion_spring", "part.M", lambda t: 100*(phi(t) - 0.1), LAW),
     Case("torsion_spring_damper", "part.M", lambda t: 100*phi(t) + 5*w(t), LAW),
     Case("hardening_torsion_spring", "part.M", lambda t: 100*phi(t)*(1 + 0.5*(phi(t)/0.2)**2), LAW),

@@ -37,6 +37,7 @@ LAWS: dict[str, tuple[tuple[str, dict[str, float]], tuple[str, dict[str, float]]
     "Hooke": (
         ("Spring", {"c": 4e4, "l0": 0.1}), ("TorsionSpring", {"c": 4e4, "phi0": 0.1}), lambda s, v: 4e4*(s - 0.1) + 0*v),
     "viscous": (("Damper", {"d": 300.0}), ("RotationalDamper", {"d": 300.0}), lambda s, v: 300*v + 0*s),
+    "creep": (("ShaftSlip", {"d": 300.0}), None, lambda s, v: 300*v + 0*s),
     "Kelvin-Voigt": (
         ("SpringDamper", {"c": 4e4, "d": 300.0, "l0": -0.05}),
         ("TorsionSpringDamper", {"c": 4e4, "d": 300.0, "phi0": -0.05}), lambda s, v: 4e4*(s + 0.05) + 300*v),

@@ -235,9 +235,14 @@ def _fall(first: LadderEntry, last: LadderEntry) -> str:
            f"{number(chi2_last, 3)}; 1 = noise level."
 
 
+def _share(explained: float) -> str:
+    """A share in %; never 100 beside the words that more is missing."""
+    return "more than 99" if explained > 0.995 else number(100 * explained, 2)
+
+
 def _mainly(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
     """The first effect with its share, and those that were added after it."""
-    share = f"It explains {number(100 * adequacy.explained, 2)} % of the misfit (chi-square above the noise)"
+    share = f"It explains {_share(adequacy.explained)} % of the misfit (chi-square above the noise)"
     enough = near_noise(findings[-1].rung)  # what is not certain then is the effect itself
     first, *others = (called(f.candidate) if f.certain else _alternatives(f) for f in findings)
     unsure = "" if findings[0].certain else _unsure(findings[:1])
