@@ -451,3 +451,38 @@ equations
     assert run["Encoder_count_sampled"][inside] == pytest.approx(held[inside])
     # the integral of what is held less that of the angle: 5 * 0.5 * k - 5 t**2 over whole samples
     assert run["Follow.y"][-1] == pytest.approx(0.5 * (0 + 5 + 10 + 15) - 5 * 2**2, abs=1e-6)
+
+
+@pytest.mark.parametrize("section", ["", "code\n"])
+def test_what_a_submodel_samples_is_held_in_its_bond_equation(tmp_path: Path, section: str) -> None:
+    """A brake whose torque follows from the sampled angle, beside friction that acts continuously."""
+    parts = (part("Turn", "power out p", "equations\n p.f = 10;")
+             + part("Brake", "power in p; signal out angle", f"""variables
+ real s, torque;
+equations
+ angle = int (p.f);
+{section} s = sample (angle);
+ torque = 2 * s;
+ p.e = torque + p.f;"""))
+    experiment = "<DiscreteSystem><DiscreteID>Brake\\s</DiscreteID><TimeInterval>0.5</TimeInterval></DiscreteSystem>"
+    run = imported(tmp_path, parts, "Turn\\p => Brake\\p", 2.0, experiment)
+    inside = np.abs(run.time / 0.5 - np.round(run.time / 0.5)) > 0.01
+    torque = 2 * 10 * np.floor(run.time / 0.5) * 0.5
+    assert run["Brake.p.e"][inside] == pytest.approx(torque[inside] + 10)
+    assert run["Brake.angle"] == pytest.approx(10 * run.time, abs=1e-9)
+
+
+def test_constants_of_the_experiment_replace_those_of_the_text(tmp_path: Path) -> None:
+    own = "".join(f"<Variable><Name>Part\\{name}</Name><Value>{value}</Value></Variable>"
+                  for name, value in (("a", 5), ("b[2]", 7)))
+    text = one_part("constants\n real a = 2.0, c = 3.0;\n real b[2] = [1.0; 2.0];\nequations\n"
+                    " y = a * int (1) + b[2] + 10 * b[1] + 100 * c;", "y",
+                    more=f"<Variables><Constants>{own}</Constants></Variables>")
+    assert at(run_part(tmp_path, text), "y", 0, 2) == pytest.approx([317, 327])
+
+
+def test_a_run_that_does_not_start_at_zero_keeps_its_duration_and_is_listed(tmp_path: Path) -> None:
+    """What is counted from `starttime` comes at its instant."""
+    text = one_part("equations\n y = int (if time >= starttime + 0.5 then 1 else 0 end);", "y", 3)
+    run = run_part(tmp_path, text.replace("<FinishTime>", "<StartTime>1</StartTime><FinishTime>"), untranslated=1)
+    assert run.time[-1] == pytest.approx(2) and at(run, "y", 2) == pytest.approx([1.5])

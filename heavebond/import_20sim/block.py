@@ -181,7 +181,8 @@ class Translator:
         builder = Builder(submodel, self.comments, ends, self._known(), texts, self.emx.path.parent,
                           id(submodel) in self.sampling.discrete, self.sampling.held.get(id(submodel), ()), [
                               label[len(prefix):] for name in self.emx.plotted for label in labels(name)
-                              if label.startswith(prefix)])
+                              if label.startswith(prefix)],
+                          lambda name: self.emx.stated(f"{prefix}{name}"), self.sampling.sampled.get(id(submodel), ()))
         made = builder.build()
         sampled = None if id(submodel) in self.sampling.discrete else self.sampling.sampled.get(id(submodel), ())
         if sampled != () and not made.untranslated:
@@ -191,7 +192,6 @@ class Translator:
                                       "submodels may"))
         if SAMPLE_TIME in made.shared:
             made.items[SAMPLE_TIME].value = self.sampling.times.get(id(submodel))
-        made.line = submodel.line
         made.name = title(submodel, self.library)
         made.shared = {own: self.scoped(label) for own, label in made.shared.items()}
         made.gives = {own: self.scoped(label) for own, label in made.gives.items()}

@@ -19,16 +19,17 @@ ACROSS_IS_FLOW = {"translation", "rotation", "mechanical"}
 
 class Symbols:
     """The names of a submodel with their elements; `ends` are the connections of a knot's ports (name, direction), `known`
-    the values of global quantities."""
+    the values of global quantities, `stated` gives the value of a constant in the experiment by its name, or None."""
 
     def __init__(self, submodel: Submodel, made: Component, calculus: Calculus, ends: Iterable[tuple[str, str, str]],
-                 known: Mapping[str, float]):
+                 known: Mapping[str, float], stated: Callable[[str], float | None]):
         self.submodel, self.source, self.made, self.known = submodel, submodel.equations or Equations(), made, known
         self.names: dict[str, Matrix] = {}
         self.many: dict[str, list[tuple[str, bool]]] = {}  # of a knot's port: elements and whether they point out
         self.numbers: dict[str, float] = {}
         self.evaluate = Evaluator(self.names, self.numbers, calculus)
         self.ends = list(ends)
+        self.stated = stated
 
     def declare(self) -> None:
         """Enter all symbols; those that cannot be read are listed in the component."""
@@ -69,9 +70,12 @@ class Symbols:
             flat = flat * (rows * columns) if len(flat) == 1 else flat
             if len(flat) != rows * columns or None in flat:
                 raise Unreadable(item.line, f"the constant '{item.name}' is not {rows} x {columns} known numbers")
+            labels = [name for row in self._elements(item.name, item.size, taken=False) for name in row]
+            flat = [old if (new := self.stated(name)) is None else new for name, old in zip(labels, flat, strict=True)]
             self.names[item.name] = [[f.number(flat[i * columns + k] or 0.0) for k in range(columns)] for i in range(rows)]
             return
-        value = fold(self.evaluate.scalar(item.value), self.numbers)
+        value = self.stated(identifier(item.name))
+        value = fold(self.evaluate.scalar(item.value), self.numbers) if value is None else value
         if value is not None:
             self.numbers[item.name] = value
 

@@ -19,7 +19,8 @@ CONTROL = bytes(c if c >= 32 or c in b"\t\n\r" else 32 for c in range(256))  # X
 
 @dataclass
 class EmxFile:
-    """The SIDOPS text with its first line, and the run settings, values and plotted variables of the default experiment.
+    """The SIDOPS text with its first line, and the run settings, values and plotted variables of the default experiment;
+    the values of constants stand among those of parameters.
     Values and texts have the names that `names.labels` gives; plotted variables, those of the file."""
 
     path: Path
@@ -27,6 +28,7 @@ class EmxFile:
     first_line: int = 1
     default: str = ""  # name of the default experiment
     name: str = ""  # of the experiment
+    start: float = 0.0  # s
     finish: float | None = None
     every: float | None = None  # output interval
     sample_times: dict[str, float] = field(default_factory=dict)  # of discrete systems, by a quantity of each
@@ -100,6 +102,8 @@ class _Handler:
     def _settings(self, found: EmxFile, tag: str, text: str) -> None:
         if tag == "Name" and self.path[-2:-1] == ["Experiment"]:
             found.name = text
+        elif tag == "StartTime":
+            found.start = _number(text) or 0.0
         elif tag == "FinishTime":
             found.finish = _number(text)
         elif tag == "UseOutputAfterEach":
@@ -117,7 +121,7 @@ class _Handler:
         if parent == "Variable" and tag == "Name":
             self.names = labels(text)
         elif parent == "Variable" and tag == "Value" and (value := _number(text)) is not None:
-            if group == "Parameters":
+            if group in ("Parameters", "Constants"):
                 found.parameters.update(dict.fromkeys(self.names, value))
             elif group == "Initials":
                 found.initials.update(dict.fromkeys(self.names, value))

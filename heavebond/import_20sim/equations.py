@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import partial
 from pathlib import Path, PureWindowsPath
 from types import MappingProxyType
@@ -55,24 +55,26 @@ AT_EVERY_STEP = "'{}' follows from its own value at the integration step before,
 class Builder(Execution):
     """The component of one submodel; `comments` by line, `ends` the connections of a knot's ports (name, direction), `known`
     the values of global quantities, `discrete` whether its statements act at samples, `held` its inputs that come from
-    discrete submodels, `plotted` its quantities that the experiment plots."""
+    discrete submodels, `plotted` its quantities that the experiment plots, `stated` the values of the experiment by name,
+    `sampled` its quantities that change at samples only beside continuous ones."""
 
     def __init__(self, submodel: Submodel, comments: Mapping[int, str], ends: Iterable[tuple[str, str, str]] = (),
                  known: Mapping[str, float] = MappingProxyType({}), texts: Mapping[str, str] = MappingProxyType({}),
                  folder: Path | None = None, discrete: bool = False, held: Iterable[str] = (),
-                 plotted: Collection[str] = ()):
+                 plotted: Collection[str] = (), stated: Callable[[str], float | None] = lambda _: None,
+                 sampled: Collection[str] = ()):
         super().__init__()
-        self.discrete, self.held_inputs, self.plotted = discrete, held, plotted
+        self.discrete, self.held_inputs, self.plotted, self.sampled = discrete, held, plotted, sampled
         self.submodel, self.comments = submodel, comments
         self.made = Component(camel(submodel.type or submodel.name), "")
         self.memory = Memory(self.made)
-        self.symbols = Symbols(submodel, self.made, self.memory, ends, known)
+        self.symbols = Symbols(submodel, self.made, self.memory, ends, known, stated)
         self.source, self.evaluate, self.numbers = self.symbols.source, self.symbols.evaluate, self.symbols.numbers
         self.evaluate.knots = partial(knot_value, self.symbols)
         self.folder, self.evaluate.table, self.evaluate.final = folder, self._table, self._final
         everything = (*submodel.parameters, *self.source.parameters, *self.source.constants)
-        stated = {identifier(d.name): d.value.name for d in everything if d.kind == "string" and d.value is not None}
-        self.texts = {**stated, **texts}
+        declared = {identifier(d.name): d.value.name for d in everything if d.kind == "string" and d.value is not None}
+        self.texts = {**declared, **texts}
         self.labels: dict[str, str] = {}  # the quantities by the names of their elements
         self.triggers: Env = {}  # variables that are events
         self.start: Env = {}  # what the initial equations assign
@@ -82,6 +84,7 @@ class Builder(Execution):
     def build(self) -> Component:
         """The component; what cannot be translated is listed in it."""
         made = self.made
+        made.line = self.submodel.line
         made.untranslated += [*self.submodel.problems, *self.source.problems]
         self.symbols.declare()
         self.labels = {f.text(e): label for label, rows in self.symbols.names.items() for row in rows for e in row}
@@ -97,6 +100,7 @@ class Builder(Execution):
                      for row in self.symbols.names.get(s.left.name, []) for e in row)
             make_placeholder(made, {e.args[0].name if e.op == "negative" else e.name for e in sides})
         else:
+            self.memory.keep_samples({name for name, label in self.labels.items() if label in self.sampled})
             made.junction = one_junction(self.symbols)
             split_deep(made)
             share_repeated(made)

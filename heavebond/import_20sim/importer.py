@@ -115,6 +115,10 @@ class _Writer:
                                          for line, why in made.untranslated]
             if isinstance(made, Component):
                 self.result.untranslated += [Untranslated(path, line, why) for line, why in made.omitted]
+        if self.emx.start:
+            why = (f"the run begins at {self.emx.start:g} s in 20-sim and at 0 s here, with the same duration: what depends "
+                   f"on `time` comes {self.emx.start:g} s later")
+            self.result.untranslated.append(Untranslated(self.emx.path.stem, 1, why))
         self.result.files[f"{self.result.name}.yaml"] = ""
         if self.library:
             for path, block in self.translator.blocks:
@@ -338,8 +342,8 @@ class _Writer:
         if initial:
             lines += ["initial:", *(f"  {path}: {value}" for path, value in initial)]
         lines += self._show()
-        if self.emx.finish:
-            times = [("until", self.emx.finish), *([("every", self.emx.every)] if self.emx.every else [])]
+        if self.emx.finish is not None and self.emx.finish > self.emx.start:
+            times = [("until", self.emx.finish - self.emx.start), *([("every", self.emx.every)] if self.emx.every else [])]
             lines.append(f"simulate: {mapping((name, quantity(value, 's')) for name, value in times)}")
         return "\n".join(lines) + "\n"
 

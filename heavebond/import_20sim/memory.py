@@ -7,8 +7,11 @@ all of it changes at once: `hold` takes the value that the discrete expressions 
 
 from __future__ import annotations
 
+import re
+from collections.abc import Collection
+
 from heavebond.import_20sim import formula_text as f
-from heavebond.import_20sim.choices import at_event, simplified, triggers
+from heavebond.import_20sim.choices import at_event, names, renamed, simplified, triggers
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.expressions_parser import Unreadable
@@ -155,6 +158,25 @@ class Memory:
         name = self.made.hold(self._name(value, SAMPLED), "", said, f.number(0) if first is None else first)
         self.sampled({name: value})
         return name
+
+    def keep_samples(self, quantities: Collection[str]) -> None:
+        """Let continuous equations take what quantities that change at samples only were at the last sample."""
+        made = self.made
+
+        def kept(expr: Expr) -> Expr:
+            for name in dict.fromkeys(n for n in names(expr) if n in quantities):
+                expr = renamed(expr, name, f.name(self.at_samples(f.name(name))))
+            return expr
+
+        read: set[str] = set()  # by continuous equations
+        for k, (left, right, said) in enumerate(made.equations):
+            if left.op != "name" or left.name not in quantities:
+                made.equations[k] = kept(left), kept(right), said
+                read.update(n for side in made.equations[k][:2] for n in names(side))
+        for label, event in made.events.items():
+            conditions = re.findall(r"\w+", " ".join(event.when.values()))
+            if label != SAMPLE and set(quantities) & set(conditions) and read & set(event.then):
+                made.omitted.append((made.line, f"the event '{label}' follows a sampled quantity between the samples"))
 
     def sampled(self, then: dict[str, Expr]) -> None:
         """Set values at every sample, after everything else that happens at the same instant, such as a step of an input:
