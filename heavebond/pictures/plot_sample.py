@@ -71,8 +71,9 @@ def histograms(result: StudyResult, picture: Picture) -> Figure:
             for share in QUANTILES if len(values) else ():
                 low = float(np.quantile(values, share))
                 panel.axvline(low, color=colour, linestyle=(0, (4, 2)), linewidth=1.0)
-                panel.annotate(f"{100 * share:.0f} %: {number(low, 3)}", (low, 1.0), (2, -1), fontsize=7, color=colour,
-                               va="top", xycoords=("data", "axes fraction"), textcoords="offset points")
+                if len(found) == 1:     # of several levels they would lie over each other; the table tells them
+                    panel.annotate(f"{100 * share:.0f} %: {number(low, 3)}", (low, 1.0), (2, -1), fontsize=7, color=colour,
+                                   va="top", xycoords=("data", "axes fraction"), textcoords="offset points")
         panel.set_xlabel(_label(result, name))
         panel.set_ylabel("cases")
         quiet(panel, "y")
