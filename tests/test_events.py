@@ -118,6 +118,27 @@ when:
   open: {condition: a.p > p_max, then: {open: 1}}
 """
 
+KEEPER = """
+component: Keeper
+summary: Keeps two values of a signal.
+ports: {u: {signal: in, unit: s}, y: {signal: out, unit: s}}
+parameters: {t_1: {unit: s}, t_2: {unit: s}}
+variables: {h: {unit: s, count: 2, held: 0 s}}
+equations: |
+  y = h[1] + 10 * h[2]
+when:
+  first:  {at: t_1, then: {"h[1]": u}}
+  second: {at: t_2, then: {"h[2]": "u + h[1]"}}
+"""
+KEPT = """
+model: kept
+components:
+  ramp:   {is: Ramp, rate: 1}
+  keeper: {is: Keeper, t_1: 1 s, t_2: 2 s}
+nodes: {u: [ramp.y, keeper.u]}
+simulate: {until: 3 s, every: 10 ms}
+"""
+
 # the pressure of a node without volume, an algebraic unknown, sets it off
 BURST = LOOP.replace("step:   {is: Step, t_s: 0.45 s, after: 1}", "burst:  {is: Relief, p_max: 75 bar}") \
     .replace("bypass.a]", "bypass.a, burst.a]").replace("step.y", "burst.y").replace("V: 1 L", "V: 40 L")
@@ -125,7 +146,7 @@ BURST = LOOP.replace("step:   {is: Step, t_s: 0.45 s, after: 1}", "burst:  {is: 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    for name, text in (("floor", FLOOR), ("heater", HEATER), ("relief", RELIEF)):
+    for name, text in (("floor", FLOOR), ("heater", HEATER), ("relief", RELIEF), ("keeper", KEEPER)):
         (tmp_path / f"{name}.yaml").write_text(text, encoding="utf-8")
     return tmp_path
 
@@ -183,6 +204,13 @@ def test_a_switch_at_a_given_time(folder: Path) -> None:
     assert run["load.x"] == pytest.approx(free + pulled, abs=CLOSE)
     at = int(np.argmin(np.abs(run.time - 0.7)))
     assert run["step.y"][at - 1:at + 1] == pytest.approx([0, 30])  # at the instant the value after it
+
+
+def test_events_assign_elements_of_a_held_list(folder: Path) -> None:
+    """Each keeps what the ramp is at its time; the second adds what the first has kept."""
+    run = hb.simulate(built(KEPT, folder))
+    assert [run[f"keeper.h[{k}]"][-1] for k in (1, 2)] == pytest.approx([1.0, 3.0])
+    assert run["keeper.y"][-1] == pytest.approx(1.0 + 10 * 3.0)
 
 
 def test_algebraic_unknowns_jump_with_an_event(folder: Path) -> None:

@@ -131,9 +131,12 @@ pictures: {height: {curves: [height]}, spread: {histogram: [cycles]}}
         [high.mean, high.interval[1] - high.mean], abs=0.005)
     plain = hb.run_study(_study(), processes=1)
     assert all(math.isnan(s.interval[0]) for s in spreads(plain)) and mean_rows(plain)[1] == []     # no independent points
-    # quantiles are written beside the lines of one level; those of several levels would cover each other
+    # the quantiles of each level are told in the legend; at their lines they would cover each other
     drawn = [plot_study(result, study.pictures[1]), plot_study(plain, replace(study.pictures[1], names=("swing",)))]
-    assert [(len(figure.axes[0].lines), len(figure.axes[0].texts)) for figure in drawn] == [(6, 0), (3, 3)]
+    assert [(len(figure.axes[0].lines), len(figure.axes[0].texts)) for figure in drawn] == [(6, 0), (3, 0)]
+    told = [[text.get_text() for text in figure.axes[0].get_legend().get_texts()] for figure in drawn]
+    assert [len(texts) for texts in told] == [2, 1]
+    assert all("5, 50 and 95 %: " in text for texts in told for text in texts)
 
 
 @pytest.mark.parametrize("over", ["{f: 1 .. 3 Hz, machine.m: 1 .. 2 kg}", "{f: 0.5 .. 3 Hz}", "{f: 2 Hz +- 1 Hz}"])

@@ -27,7 +27,9 @@ def check_events(component: Component, lookup: Lookup, lengths: Lengths, problem
             _reset(component, reset, lookup, lengths, problems)
         if event.impulse:
             _impulse(component, event, problems)
-    set_by = {name for event in component.when for name in (event.impulse, *(reset.target.text for reset in event.resets))}
+    # an event sets an element of a list, `h[2]`
+    set_by = {name.partition("[")[0] for event in component.when
+              for name in (event.impulse, *(reset.target.text for reset in event.resets))}
     for name, variable in component.held.items():
         if name not in set_by:
             problems.add("held-never-set", f"'{name}' is held, but no event sets it", variable.place,

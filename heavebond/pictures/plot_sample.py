@@ -27,6 +27,7 @@ SMALL: Any = {"font.size": 8, "axes.titlesize": 9, "legend.fontsize": 8, "axes.l
 MOST_PANELS = 6
 BARS = 12  # parameters of a tornado
 NO_NUMBER = "#d9d9d9"  # a case without a number, on a map
+SHARES = f"{', '.join(f'{100 * q:g}' for q in QUANTILES[:-1])} and {100 * QUANTILES[-1]:g} %"
 NUMBERED = 60  # cells of a map up to which each has its number
 
 
@@ -67,18 +68,17 @@ def histograms(result: StudyResult, picture: Picture) -> Figure:
         bins: Any = np.histogram_bin_edges(together, "auto") if len(together) and np.ptp(together) else 10
         for k, (others, values) in enumerate(found):
             colour = COLOURS[k % len(COLOURS)]
-            panel.hist(values, bins, color=colour, alpha=0.55 if len(found) > 1 else 0.8, label=others or name)
-            for share in QUANTILES if len(values) else ():
-                low = float(np.quantile(values, share))
-                panel.axvline(low, color=colour, linestyle=(0, (4, 2)), linewidth=1.0)
-                if len(found) == 1:     # of several levels they would lie over each other; the table tells them
-                    panel.annotate(f"{100 * share:.0f} %: {number(low, 3)}", (low, 1.0), (2, -1), fontsize=7, color=colour,
-                                   va="top", xycoords=("data", "axes fraction"), textcoords="offset points")
+            below = [float(np.quantile(values, share)) for share in QUANTILES] if len(values) else []
+            told = f"{SHARES}: {', '.join(number(value, 3) for value in below)}" if below else "no case"
+            panel.hist(values, bins, color=colour, alpha=0.55 if len(found) > 1 else 0.8,
+                       label=f"{others}   {told}" if len(found) > 1 else told)
+            for value in below:
+                panel.axvline(value, color=colour, linestyle=(0, (4, 2)), linewidth=1.0)
         panel.set_xlabel(_label(result, name))
         panel.set_ylabel("cases")
         quiet(panel, "y")
-        if len(found) > 1:
-            panel.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.1, ncols=4)
+        # one below the other: quantiles that are close would overlap at their lines
+        panel.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.1)
     return figure
 
 
