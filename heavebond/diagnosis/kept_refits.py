@@ -59,7 +59,7 @@ def entry(candidate: Candidate, refit: Refit | None) -> dict[str, Any]:
             "slack": refit.slack, "evaluations": refit.evaluations,
             "ranges": {name: [free.range.low, free.range.high] for name, free in refit.experiment.free.items()
                        if name in own},
-            "begun": [d.as_dict() for d in refit.begun]}
+            "finer": refit.finer, "begun": [d.as_dict() for d in refit.begun]}
 
 
 def is_broken(kept: Kept) -> bool:
@@ -71,7 +71,7 @@ def restored(base: Base, candidate: Candidate, guesses: Sequence[Score], kept: K
     """The refit that was kept; None where the model gives another one there."""
     try:
         found = at_end_of(base, candidate, guesses, {n: (low, high) for n, (low, high) in kept["ranges"].items()},
-                          np.array(kept["inner"], float))
+                          np.array(kept["inner"], float), int(kept["finer"]))
         begun = tuple(map(Descent.from_dict, kept["begun"]))
         if not abs(found.cost - kept["cost"]) <= SAME * abs(kept["cost"]):
             return None

@@ -16,9 +16,9 @@ import numpy as np
 from heavebond.core.errors import HeavebondError, SimulationError, StartError
 from heavebond.core.progress import Progress
 from heavebond.core.units import Range
-from heavebond.diagnosis.base_model import Base, exact_runs
+from heavebond.diagnosis.base_model import ERRS, TIMES, Base, exact_runs, finer
 from heavebond.diagnosis.catalogue import Candidate
-from heavebond.diagnosis.early_stopping import LITTLE, Enough, made_progress, stop_inferior_starts, stop_stalled
+from heavebond.diagnosis.early_stopping import HOPE, LITTLE, Enough, made_progress, stop_inferior_starts, stop_stalled
 from heavebond.diagnosis.predictive_errors import SELECTION, TEST, PredictiveErrors, predictive_errors
 from heavebond.diagnosis.range_ends import passed_ends, unshown_amplitudes
 from heavebond.diagnosis.scoring import BEYOND, Score, admissible_sides, may_be_below_neutral, point_of_range, shape_ranges
@@ -62,7 +62,7 @@ class Refit:
     errors. `beyond` are numbers of the candidate at an end of the range in which they were sought, beyond which the sum of
     squares would fall: it is not the minimum (see `range_ends`), and `unshown` its amplitudes that the records do not tell
     from none. `inner` are the values as unknowns of its least squares
-    problem."""
+    problem; its runs erred by less than those of the base model by the power `finer` of FINER."""
 
     candidate: Candidate
     experiment: Experiment
@@ -83,6 +83,7 @@ class Refit:
     beyond: tuple[str, ...] = ()
     unshown: tuple[str, ...] = ()
     inner: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
+    finer: int = 0
 
     @property
     def bic(self) -> float:
@@ -104,8 +105,14 @@ def begun(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), least
         found = refit.begin(least or np.inf, progress or (lambda text: None))
         if not found:
             return None
+        trial = refit.judged(found[0].x)
+        while trial.cost <= HOPE * (least or np.inf) and refit.rough(trial) and refit.finer < TIMES:
+            refit.make_finer()
+            found = sorted([refit.descend(found[0].x, progress or (lambda text: None), FIRST, 1e-4), *found[1:]],
+                           key=lambda e: e.cost)
+            trial = refit.judged(found[0].x)
         falls = any(d.unfinished and made_progress(d.history) for d in found) or bool(refit.wider(found[0].x))
-        return replace(refit.judged(found[0].x), begun=tuple(found) if refit.hopeful(found[0]) else (), falls=falls)
+        return replace(trial, begun=tuple(found) if refit.hopeful(found[0]) else (), falls=falls)
     except HeavebondError:
         return None
 
@@ -115,7 +122,7 @@ def followed(base: Base, trial: Refit, guesses: Sequence[Score] = (), progress: 
     if not trial.begun:
         return trial
     try:
-        refit = _RefitProblem(base, trial.candidate, guesses)
+        refit = _RefitProblem(base, trial.candidate, guesses, trial.finer)
         return refit.judged(refit.follow(trial.begun, progress or (lambda text: None)))
     except HeavebondError:
         return replace(trial, begun=())
@@ -125,7 +132,7 @@ def polished(base: Base, trial: Refit, guesses: Sequence[Score] = (), lender: Re
              progress: Progress | None = None) -> Refit:
     """A refit followed to the end of its valley: what is compared closely must have arrived. A `lender` is another law's
     refit at the same place that fits better; from its values, as far as the two have the same, another valley is sought."""
-    refit = _RefitProblem(base, trial.candidate, guesses)
+    refit = _RefitProblem(base, trial.candidate, guesses, trial.finer)
     refit.sought({n.name: trial.experiment.free[n.name].range for n in trial.candidate.numbers if n.name in refit.ranges})
     values = {**trial.values, **_lent(lender, trial.candidate)} if lender is not None else trial.values
     start = refit.problem.allowed(np.clip([c.inner(values[c.free.name]) for c in refit.problem.columns],
@@ -158,9 +165,9 @@ def refitted_from(base: Base, candidate: Candidate, lender: Refit, progress: Pro
 
 
 def at_end_of(base: Base, candidate: Candidate, guesses: Sequence[Score], ranges: Mapping[str, tuple[float, float]],
-              inner: Array) -> Refit:
+              inner: Array, finer: int = 0) -> Refit:
     """The figures of a refit that sought the candidate's numbers in these `ranges` and ended at `inner`."""
-    refit = _RefitProblem(base, candidate, guesses)
+    refit = _RefitProblem(base, candidate, guesses, finer)
     free = refit.problem.experiment.free
     refit.sought({name: replace(free[name].range, low=low, high=high) for name, (low, high) in ranges.items()})
     return refit.judged(inner)
@@ -199,8 +206,9 @@ def _halton(dimensions: int, number: int) -> Array:
 class _RefitProblem:
     """The least squares problem of the diagram with the candidate in it."""
 
-    def __init__(self, base: Base, candidate: Candidate, guesses: Sequence[Score]):
+    def __init__(self, base: Base, candidate: Candidate, guesses: Sequence[Score], finer: int = 0):
         self.base, self.candidate, self.guesses, self.began = base, candidate, guesses, process_time()
+        self.finer, self.errs = 0, 0.0  # how often runs were made finer; the length of what they did to residuals by errors
         changed = base.diagram(candidate.change).experiment
         self.runs = base.runs(candidate.change, [])
         self.ranges = {**shape_ranges(candidate, self.runs, base, BEYOND), **self._amplitudes()}
@@ -208,6 +216,19 @@ class _RefitProblem:
         freed = self._freed(changed, set(self.runs[0].assembly.parameter_values))
         values = {name: self._inside(name) for name in self.ranges}
         self.problem = Residuals(freed, runs=[run.again(list(freed.free), values, QuickSimulator) for run in self.runs])
+        for _ in range(finer):
+            self.make_finer()
+
+    def make_finer(self) -> None:
+        """Let all further runs err by less."""
+        self.problem, self.finer = finer(self.problem), self.finer + 1
+        self.runs = [run.again([], {}, QuickSimulator, of.simulator.tolerances)
+                     for run, of in zip(self.runs, self.problem.runs, strict=True)]
+
+    def rough(self, trial: Refit) -> bool:
+        """Whether the runs of the search err by more at the end of a trial than is small beside what it leaves, as they may
+        where its law changes within milliseconds: descents end in the roughness of the sum of squares then."""
+        return self.errs > ERRS * float(np.sqrt(trial.cost))
 
     def _scale(self, guess: Score) -> float:
         """The amplitude whose own effect is as large as the whole misfit."""
@@ -436,6 +457,7 @@ class _RefitProblem:
         problem, inner = self.problem, self.problem.allowed(inner)
         exact = exact_runs(problem.experiment, self.runs, self.base.exact)
         r, prior = self._residuals(inner, [exact[run.record.name] for run in self.runs]), problem.priors(inner)[0]
+        self.errs = float(np.linalg.norm(r - problem.evaluate(inner)[0]))
         values = [problem.values_of(inner, run.record.name) for run in problem.runs]
         errors = predictive_errors(problem, inner, exact, r)
         at_end = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(inner), strict=True)
@@ -444,7 +466,8 @@ class _RefitProblem:
                      errors.mean(SELECTION, TEST), len(r), errors.samples(SELECTION, TEST), len(inner), at_end,
                      max((g.gain for g in self.guesses), default=float("nan")),
                      problem.evaluations, errors=errors, beyond=passed_ends(problem, self.candidate.numbers, inner, r),
-                     unshown=unshown_amplitudes(problem, self.candidate.numbers, inner, r), inner=inner)
+                     unshown=unshown_amplitudes(problem, self.candidate.numbers, inner, r), inner=inner,
+                     finer=self.finer)
 
     def slack(self, inner: Array) -> float:
         """What the numbers' own uncertainty does to the figure on what was held out. With r (n,) and J (n, m) the residuals

@@ -48,6 +48,9 @@ AGREES, DECADES = 0.2, 15
 # What is sought where the motion of the base model goes is sought this share of its span beyond: the machine and other
 # records move further, and a limit that is not reached must not stand where they do.
 BEYOND = 0.5
+# A motion is taken to begin at zero where its smallest value is less than this share of the largest: of a magnitude that
+# passes zero the smallest sample tells how near to zero one came to lie, and points between the two would all be small.
+PASSES = 1e-3
 # The size of an amplitude for error control: it moves the channels by so many times the misfit. With 10 the tangents of a
 # stiff rig err by 1 % in runs of a third more evaluations, with 1 by 5 %, with 0.01 by as much as they are. It is sought in
 # so many runs at most, until one changes it by less than a factor.
@@ -340,6 +343,7 @@ def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base, beyond: 
             low, high = number.sought.range.low, number.sought.range.high
         else:
             low, high = seen[number.name]
+            low = 0.0 if 0 < low < PASSES * high else low
             low, high = low - beyond * (high - low), high + beyond * (high - low)
         low = max(low, number.low) if number.low is not None else low
         high = min(high, number.high) if number.high is not None else high
