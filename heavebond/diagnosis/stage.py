@@ -6,6 +6,7 @@ take the one that leaves least on held-out data, if it earns its place there.
 
 from __future__ import annotations
 
+import math
 import time as clock
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,6 +21,7 @@ from heavebond.diagnosis.base_model import TIMES, Base, finer, searched
 from heavebond.diagnosis.calibration_errors import is_calibration_error
 from heavebond.diagnosis.candidate_workers import Workers
 from heavebond.diagnosis.catalogue import Candidate, single_candidates
+from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.equivalent_values import equivalent_values
 from heavebond.diagnosis.fixed_values import fixed_values
 from heavebond.diagnosis.identity import STRONG, Identity, compared, leaves_noise, likelihood
@@ -283,14 +285,23 @@ def _judged(base: Base, errors: PredictiveErrors, left: ResidualTests, scores: S
 
 def _leader(made: Stage, earned: Sequence[Refit]) -> Refit:
     """The best on the data that select, among those that the test data do not exclude either: the first that is compared
-    as well as the one with the largest likelihood on all records. Where it leaves no more than noise, an effect that a part
-    of the diagram has already, as a number that is absent, goes before one that needs a further part."""
+    as well as the one with the largest likelihood on all records, and that takes away a noticeable part where any of these
+    does. Where it leaves no more than noise, an effect that a part of the diagram has already, as a number that is absent,
+    goes before one that needs a further part."""
     best = min(earned, key=likelihood)
     assert made.errors is not None
     members = compared(best, earned, made.errors).members
-    first = min(members, key=merit)
+    first = min([t for t in members if is_noticeable(made, t)] or members, key=merit)
     own = [t for t in members if t.candidate.attaches == "in" and t.unknowns <= first.unknowns and leaves_noise(t)]
     return min(own, key=merit) if own and leaves_noise(first) else first
+
+
+def is_noticeable(made: Stage, trial: Refit) -> bool:
+    """Whether a trial takes away a noticeable part of what is left above the noise (where nothing was held out: of what was
+    fitted)."""
+    before, after = (made.chi2_held_out, trial.chi2_held_out) if math.isfinite(made.chi2_held_out) else \
+        (made.chi2_fit, trial.chi2_fit)
+    return (before - after) / max(before - 1.0, 1e-9) > DECISION.further
 
 
 def choosing(made: Stage, trial: Refit) -> Stage:

@@ -22,7 +22,7 @@ from heavebond.diagnosis.fixed_values import VALUE
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, channel_errors
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.residual_tests import is_noise
-from heavebond.diagnosis.stage import Stage
+from heavebond.diagnosis.stage import Stage, is_noticeable
 from heavebond.estimation.fitting import Fit
 
 FILTERED = 5.0  # times an estimated noise that noise behind a filter may be; beyond it is no noise
@@ -33,12 +33,9 @@ STILL = 3.0  # channels whose own motion is below this many times their noise te
 
 
 def worth_it(step: Stage) -> bool:
-    """Whether the effect of a step takes away a noticeable part of what is left above the noise (where nothing was held out:
-    of what was fitted)."""
+    """Whether the effect of a step takes away a noticeable part of what is left."""
     assert step.chosen is not None
-    before, after = (step.chi2_held_out, step.chosen.chi2_held_out) if math.isfinite(step.chi2_held_out) else \
-        (step.chi2_fit, step.chosen.chi2_fit)
-    return (before - after) / max(before - 1.0, 1e-9) > DECISION.further
+    return is_noticeable(step, step.chosen)
 
 
 def is_adequate(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]) -> bool:
