@@ -10,16 +10,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmarks.diagnosis.making import Hidden
+from benchmarks.diagnosis.making import Hidden, made
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
 from heavebond.diagnosis import refit
 from heavebond.diagnosis.base_model import Base
 from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.diagnosis import diagnose
+from heavebond.diagnosis.kept_refits import entry, restored
 from heavebond.diagnosis.refit import Refit, begun, followed, polished
 from heavebond.diagnosis.scoring import Score, scored
-from heavebond.diagnosis.stage import fitted_base
+from heavebond.diagnosis.stage import fitted_base, is_noticeable, make_stage
 
 
 def refitted(base: Base, candidate: Candidate, guesses: Sequence[Score]) -> Refit | None:
@@ -114,3 +115,30 @@ def test_slack_is_what_a_fit_to_all_samples_takes_away(tmp_path: Path) -> None:
     apart, together = (t.cost + t.chi2_held_out * t.samples_held_out for t in (found, joint))
     assert apart > 1.2 * together
     assert np.isclose(apart - found.slack, together, rtol=0.05)  # as far as the tangent holds
+
+
+def test_runs_that_err_by_more_than_what_a_refit_leaves_are_made_finer(tmp_path: Path) -> None:
+    """A gauge with a rate limit whose lag is a millisecond: the runs of the search err by more than the noise, and a descent
+    would end in the roughness of the sum of squares, at 5 to 70 noise variances."""
+    name = "RateLimit in the channel receiver.p"
+    rig = RIGS["receiver"]
+    truth = next(t for t in TRUTHS["receiver"] if t.name == name)
+    case = made(rig, [truth], f"third/receiver/{name}", tmp_path)
+    base = fitted_base(case.experiment)
+    candidate = next(c for c in single_candidates(case.experiment) if c.label == name)
+    found = begun(base, candidate, scored(base, candidate))
+    assert found is not None and found.finer > 0
+    assert found.chi2_fit == pytest.approx(1.0, abs=3.5 * np.sqrt(2 / found.samples))
+    kept = restored(base, candidate, scored(base, candidate), entry(candidate, found))
+    assert kept is not None and kept.finer == found.finer
+
+
+def test_what_takes_a_noticeable_part_away_leads(tmp_path: Path) -> None:
+    """Friction that grows with the position, of which the catalogue has no law: end stops fit the first record best and do
+    nothing for the other one, constant friction takes three quarters away there."""
+    truth = next(t for t in TRUTHS["passive"] if t.name == "position friction")
+    case = made(RIGS["passive"], [truth], "third/passive/position friction", tmp_path)
+    step = make_stage(case.experiment, number=1, classes=("dry friction", "end stop"))
+    assert step.chosen is not None and step.chosen.candidate.kind == "dry friction"
+    best = min(step.trials, key=lambda t: t.cost)
+    assert best.candidate.kind == "end stop" and not is_noticeable(step, best) and is_noticeable(step, step.chosen)
