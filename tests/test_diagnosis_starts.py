@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -44,12 +45,14 @@ free:
 STARTS = {"one": ("2.3 s", 6.0), "two": ("1.9 s", -4.0)}
 
 
-def experiment(folder: Path, friction: str, initial: str = "") -> Path:
-    """Records of a cart that begin at 6 and -4 mm, and an experiment on a diagram without friction that begins at 0."""
+def experiment(folder: Path, friction: str, initial: str = "", speeds: Mapping[str, float] | None = None) -> Path:
+    """Records of a cart that begin at 6 and -4 mm, and with `speeds` (mm/s) where these are given, and an experiment on a
+    diagram without friction that begins at rest at 0."""
     rng = np.random.default_rng(7)
     for name, (slow, start) in STARTS.items():
         text = CART.replace("SLOW", f"({slow})").replace("FRICTION", friction)
-        run = hb.simulate(hb.loads(text.replace("INITIAL", f"initial: {{cart.x: {start} mm, cart.v: 0 m/s}}")))
+        speed = (speeds or {}).get(name, 0.0)
+        run = hb.simulate(hb.loads(text.replace("INITIAL", f"initial: {{cart.x: {start} mm, cart.v: {speed} mm/s}}")))
         columns = [run.time, run.display["drive"], run.display["cart"] + 0.2 * rng.standard_normal(len(run.time))]
         np.savetxt(folder / f"{name}.csv", np.array(columns).T, delimiter=",", comments="", header="t,drive,cart")
     kept = [line for line in CART.splitlines() if not line.startswith(("  shoe", "  rail"))]
@@ -98,3 +101,20 @@ def test_a_right_start_is_not_freed(tmp_path: Path) -> None:
     path.write_text(text, encoding="utf-8")
     found = hb.diagnose(path, classes=["dry friction"], number=1)
     assert not found.started and found.verdict == "effect"
+
+
+def test_records_cut_from_a_motion_begin_with_a_velocity_too(tmp_path: Path) -> None:
+    """Friction beside a start at 6 and -4 mm with -50 and 80 mm/s; the files that are written keep both."""
+    speeds = {"one": -50.0, "two": 80.0}
+    path = experiment(tmp_path, "25 N", speeds=speeds)
+    found = hb.diagnose(path, classes=["dry friction", "backlash"], number=1)
+    assert found.verdict == "effect" and {f.candidate.kind for f in found.findings} == {"dry friction"}
+    assert found.ladder[-1].chi2_held_out < 1.2
+    said = [words for words in found.words if "do not begin where the diagram does" in words]
+    assert len(said) == 2 and "cart.v begins at" in said[1]
+    begins = [float(part.split(" mm/s")[0]) for part in said[1].split("begins at ")[1].split(", ")[:2]]
+    assert begins == pytest.approx(list(speeds.values()), abs=5)
+    given = load_experiment(path)
+    (written,) = write_findings(given, found.findings, Targets.beside(given, tmp_path / "found"))
+    assert load_experiment(written).free["initial.cart.v"].each
+    assert hb.fit(written).chi2 < 1.2

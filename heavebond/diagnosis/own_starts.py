@@ -3,14 +3,18 @@
 A wrong start leaves a transient that no effect explains, and that effects may imitate. Where a measured state begins
 elsewhere in a record than in the model, the value at which each record begins is estimated with all that is free, and what
 is missing is sought beside it: unless an offset or a gain of the sensor explains how all records begin, as that may be what
-is wrong, and is among what is sought.
+is wrong, and is among what is sought. A record that is cut from a motion begins with a velocity too: where the data show it,
+that is estimated beside the position.
 """
 
 from __future__ import annotations
 
 import math
+import time as clock
 from collections.abc import Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from heavebond.core.errors import listing
 from heavebond.core.presentation import number, readable
@@ -54,17 +58,49 @@ def _with_own_starts(experiment: Experiment, comparison: Comparison) -> Experime
     return replace(experiment, model=experiment.model.with_parameters(values), free=free)
 
 
+def _with_velocities(own: Experiment, before: Experiment, comparison: Comparison) -> Experiment | None:
+    """The experiment with own starts in which the rate of each position that has one is such a start too, where it is a
+    state and no channel measures it; None where there is none. It is sought up to the largest rate between two samples."""
+    assembly = next(iter(comparison.records.values())).result.assembly
+    shown = {output.shown.text for output in own.outputs.values()}
+    free, values = dict(own.free), {}
+    for name in own.free:
+        if name in before.free:
+            continue
+        path, _, position = name.removeprefix(INITIAL).rpartition(".")
+        domain = assembly.flat.domains.get(path)
+        if domain is None or position not in domain.positions:
+            continue
+        state = f"{path}.{domain.rate(position)}"
+        if state in assembly.state_names and state not in shown and f"{INITIAL}{state}" not in free:
+            output = next(n for n, o in own.outputs.items() if o.shown.text == f"{path}.{position}")
+            scale = read_unit(own.outputs[output].shown.unit).scale
+            channels = [record.channels[output] for record in comparison.records.values()]
+            begins = [float(record.result[state][0]) for record in comparison.records.values()]
+            most = max(float(np.max(np.abs(np.diff(c.measured) / np.diff(c.time)))) for c in channels) * scale
+            unit = read_unit(assembly.flat.unknowns[assembly.flat.names[state]].unit.text)
+            free[f"{INITIAL}{state}"] = Free(f"{INITIAL}{state}", Range(min(-most, *begins), max(most, *begins), unit),
+                                             own.free[name].place, each=True)
+            values[f"{INITIAL}{state}"] = begins[0]
+    return replace(own, model=own.model.with_parameters(values), free=free) if values else None
+
+
 def own_starts(experiment: Experiment, before: LadderEntry, seconds: float, say: Progress) -> Fit | None:
     """The fit (of at most so many `seconds`) of all that is free with a start of its own for each record, where one begins
     elsewhere than the model of the entry `before`; None where none does, and where the sum of squares of what was fitted
     falls by no more than chance would have it. The noise alone is the yardstick: that a state begins elsewhere is measured,
     and beside an effect that is missing the start may hardly be seen."""
     own = _with_own_starts(experiment, before.comparison)
-    if own is None:
-        return None
-    found = fit(own, progress=lambda text: say(f"fitting the start of each record: {text}"), partial=True, seconds=seconds)
-    added = sum(p.name not in experiment.free for p in found.parameters)
-    return found if (before.chi2_fit - found.chi2) * found.samples > EARNED * added else None
+    best, chi2, free = None, before.chi2_fit, experiment.free
+    ends = clock.monotonic() + seconds
+    while own is not None and (left := ends - clock.monotonic()) > 0:
+        found = fit(own, progress=lambda text: say(f"fitting the start of each record: {text}"), partial=True, seconds=left)
+        added = sum(p.name not in free for p in found.parameters)
+        if (chi2 - found.chi2) * found.samples <= EARNED * added:
+            break
+        own = _with_velocities(own, experiment, before.comparison) if best is None else None
+        best, chi2, free = found, found.chi2, found.experiment.free
+    return best
 
 
 def _as_a_sensor(channels: Sequence[Channel]) -> bool:
@@ -93,18 +129,27 @@ def own_start_words(before: Experiment, base: Fit | None, fitted: Fit | None) ->
     if base is None or fitted is None:
         return []
     diagrams = {p.name: p.before for p in base.parameters}
-    lines = []
+    lines, told = [], set[str]()
     for name, free in fitted.experiment.free.items():
         if name in before.free or not name.startswith(INITIAL):
             continue
         state, unit = name.removeprefix(INITIAL), free.range.unit
-        output = next(n for n, o in fitted.experiment.outputs.items() if o.shown.text == state)
-        channels = {record.name: record.channels[output] for record in fitted.after.records.values()}
-        diagram = float(unit.from_si(diagrams[name]))
-        if all(_begins(c, diagram) for c in channels.values()):
-            continue  # beside what was found they begin there
-        begins = listing(f"{readable(float(c.model[0]), c.unit, 3)} in {record}" for record, c in channels.items())
-        lines.append(f"The records do not begin where the diagram does: {state} begins at {begins}. What is said here is "
+        output = next((n for n, o in fitted.experiment.outputs.items() if o.shown.text == state), None)
+        if output is None:  # the velocity of a position
+            if state.rpartition(".")[0] not in told:
+                continue
+            begins = {p.record: float(unit.from_si(p.value)) for p in fitted.parameters if p.name == name}
+            begins |= {record: float(unit.from_si(own.values[name])) for record, own in fitted.held_out.items()
+                       if name in own.values}
+        else:
+            channels = {record.name: record.channels[output] for record in fitted.after.records.values()}
+            diagram = float(unit.from_si(diagrams[name]))
+            if all(_begins(c, diagram) for c in channels.values()):
+                continue  # beside what was found they begin there
+            begins = {record: float(c.model[0]) for record, c in channels.items()}
+            told.add(state.rpartition(".")[0])
+        said = listing(f"{readable(value, unit.text, 3)} in {record}" for record, value in begins.items())
+        lines.append(f"The records do not begin where the diagram does: {state} begins at {said}. What is said here is "
                      f"beside these starts; to keep them, write `{name}: {free_text(free)}` under `free:`"
                      + (f", and `initial: {{{state}: 0 {unit.text}}}` in the diagram"
                         if state not in before.model.initial.conditions else "") + ".")
