@@ -110,6 +110,9 @@ def test_hertz_and_radians_do_not_mix() -> None:
     assert "write '6.28319 rad/s'" in caught.value.hint
     with pytest.raises(UnitProblem, match="does not say whether"):
         check_unit(read_unit("1/s"), hertz, 1.0, "1 1/s")
+    with pytest.raises(UnitProblem) as caught:  # of a pump, whose data sheet leaves "per revolution" out
+        check_unit(read_unit("cm**3"), declared_unit("m**3/rad"), 28e-6, "28 cm**3")
+    assert caught.value.hint == "Write `cm**3/rev` for a value per revolution, `cm**3/rad` for one per radian."
     check_unit(read_unit("rpm"), radians, 1.0, "10 rpm")
     check_unit(read_unit("kHz"), hertz, 1e3, "1 kHz")
 

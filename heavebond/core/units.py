@@ -414,6 +414,8 @@ def counted_otherwise(given: Unit, wanted: Unit) -> str | None:
         return None
     if wanted.counts == "angle" and (turns := as_meant(given, wanted)) is not given:
         return f"Write `{turns.text}` for revolutions, {wanted.text} for radians."
+    if wanted.text.endswith("/rad") and not given.counts:
+        return f"Write `{given.text}/rev` for a value per revolution, `{given.text}/rad` for one per radian."
     return f"Write it in {wanted.text}."
 
 
