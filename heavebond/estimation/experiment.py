@@ -396,9 +396,10 @@ class _Reader:
             return None  # the channel's unit was complained about
         given = getattr(value.expr, "unit", None)
         if (given.dimension if given is not None else ()) != channel.dimension:
-            example = f"1 {unit_text}" if channel.dimension else "0.01"
-            self.problems.add("unit-wrong", f"the noise '{value.text}' is not in {unit_text}", value.place,
-                              hint=f"Write for example `noise: {example}`.")
+            bare = given is None and channel.dimension
+            hint = f"Write `noise: {value.text} {unit_text}`, if that is meant." if bare else \
+                f"Write for example `noise: {f'1 {unit_text}' if channel.dimension else '0.01'}`."
+            self.problems.add("unit-wrong", f"the noise '{value.text}' is not in {unit_text}", value.place, hint=hint)
             return None
         if number <= 0:
             self.problems.add("noise-not-positive", "the noise must be above 0", value.place,
