@@ -14,12 +14,14 @@ import pytest
 
 from heavebond.numerics import compiled_cvodes
 from heavebond.numerics.compiled_cvodes import (
+    CVODES,
     KNOWN,
     OPERATIONS,
     CompiledCvodes,
     Driving,
     Equations,
     Integrated,
+    Method,
     NotCompiled,
 )
 from heavebond.numerics.idas import Tolerances
@@ -119,6 +121,84 @@ def test_a_table_is_looked_up_by_time() -> None:
     over = CompiledCvodes(equations, 0, STOPS, TOLERANCES, 1000, Driving(STOPS, U, AT_STOPS, False), 0.4)
     stopping = CompiledCvodes(equations, 0, STOPS, TOLERANCES, 1000, Driving(STOPS, U, AT_STOPS, True))
     assert np.abs(run(over, [1.0, 0.0], [0.2]).x - run(stopping, [1.0, 0.0], [0.2]).x).max() < 1e-6
+
+
+ONE_STEP = Method(True, 1e6)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_the_one_step_method_gives_what_cvodes_gives(held: bool) -> None:
+    """With inputs as a table or held between stops, with sensitivities of states and signals; to some ten times the
+    tolerance, as above. A table is continuous: sin(t) joined by lines."""
+    system = pendulum()
+    t, u = system.t, ca.SX.sym("u", 3)
+    if not held:
+        system.ode = ca.substitute(system.ode, system.u, ca.vertcat(t - 1, u[1] + u[2] * (t - u[0])))
+        system.signals, system.u = ca.substitute(system.signals, system.u, ca.vertcat(t - 1, u[1] + u[2] * (t - u[0]))), u
+    lines = np.vstack([STOPS[:-1], np.sin(STOPS[:-1]), np.diff(np.sin(STOPS)) / np.diff(STOPS)])
+    joined = Driving(STOPS, lines, np.column_stack([lines, [STOPS[-1], np.sin(STOPS[-1]), 0.0]]), False)
+    driving = Driving(STOPS, U, AT_STOPS, True) if held else joined
+    own, peer = (CompiledCvodes(system.equations(0), 1, STOPS, TOLERANCES, 1000, driving, 0.4, method)
+                 for method in (ONE_STEP, CVODES))
+    one, other = run(own, [1.0, 0.0], [0.2]), run(peer, [1.0, 0.0], [0.2])
+    assert own.stats()["linear_solver"] == "none" and own.stats()["nfevals"] > 6 * (len(STOPS) - 1)
+    assert np.abs(one.x - other.x).max() < 1e-6
+    assert np.abs(one.signals - other.signals).max() < 1e-6
+
+
+def oscillator(p: ca.SX) -> System:
+    """x'' = -x - p x', with x0 = 1 cos t without damping."""
+    x = ca.SX.sym("x", 2)
+    return System(x, ca.vertcat(x[1], -x[0] - p * x[1]), p)
+
+
+def test_the_one_step_method_is_of_order_5() -> None:
+    """Its error falls as the tolerance, with steps that grow by its fifth root: the sixth power of the step, times as many
+    steps as there are."""
+    system, stops = oscillator(ca.SX.sym("p")), np.array([0.0, 50.0])
+    found = {}
+    for rtol in (1e-5, 1e-10):
+        own = CompiledCvodes(system.equations(), 0, stops, Tolerances(rtol, rtol), 10_000, method=ONE_STEP)
+        error = abs(run(own, [1.0, 0.0], [0.0]).x[0, -1] - np.cos(50.0))
+        found[rtol] = error, own.stats()["nsteps"]
+    assert found[1e-5][0] < 50 * 1e-5 * 5  # no more than its errors of all steps together, of the scaled state 1
+    assert found[1e-10][0] < 50 * 1e-10 * 5
+    assert found[1e-10][1] / found[1e-5][1] == pytest.approx(10.0, rel=0.15)
+
+
+def driven(number: int) -> CompiledCvodes:
+    """The oscillator over 50 s, driven by numbers of its own between so many stops, without a method."""
+    system, stops = oscillator(ca.SX.sym("p")), np.linspace(0.0, 50.0, number)
+    u = ca.SX.sym("u")
+    system.ode, system.u = ca.vertcat(system.ode[0], system.ode[1] + u), u
+    held = 0.1 * np.sin(1.7 * stops[None, :-1])
+    return CompiledCvodes(system.equations(), 0, stops, Tolerances(1e-5, 1e-7), 10_000,
+                          Driving(stops, held, np.column_stack([held, [0.0]]), True), method=None)
+
+
+def test_the_first_run_chooses_the_method() -> None:
+    """The one-step method where CVODES has to begin anew at each of a few samples a cycle, which stays; CVODES where an
+    undriven motion has many stops a cycle."""
+    own = driven(101)
+    first = run(own, [1.0, 0.0], [0.1])
+    assert run(own, [1.0, 0.0], [0.1]).x == pytest.approx(first.x, abs=0)
+    assert own.method is not None and own.method.one_step
+    many = CompiledCvodes(oscillator(ca.SX.sym("p")).equations(), 0, np.linspace(0.0, 50.0, 2001), TOLERANCES, 10_000,
+                          method=None)
+    run(many, [1.0, 0.0], [0.1])
+    assert many.method == CVODES
+
+
+def test_the_one_step_method_hands_over_what_becomes_stiff() -> None:
+    """With a damping of 1e6 its steps would be some 1e-6 of a cycle; x stays where it was, but for x' = u/p."""
+    own = driven(101)
+    run(own, [1.0, 0.0], [0.1])
+    assert own.method is not None and own.method.one_step
+    seen: list[int] = []
+    found = own.run(np.array([1.0, 0.0]), np.zeros(0), np.array([1e6]), np.zeros((1, 0)), True,
+                    lambda before, signals: seen.append(before))
+    assert np.abs(found.x[0] - np.exp(-np.linspace(0.0, 50.0, 101) / 1e6)).max() < 1e-5
+    assert own.method == CVODES and seen[-2:] == [0, 51]  # the watch begins anew too
 
 
 def test_algebraic_unknowns_follow_the_states() -> None:

@@ -103,6 +103,9 @@ typedef struct {
   N_Vector x;
   Newton *newton; /* null where GMRES solves */
   double factored; /* gamma of the factorisation */
+  double *stages;  /* (8, total), of the one-step method */
+  long one_step, most_steps, most_evaluations;
+  double rtol, atol, longest, step;
 } Problem;
 
 /* The problem that this thread integrates: a linear solver of CVODES is given nothing of it. */
@@ -300,10 +303,9 @@ static void multiply(const Problem *problem, const Tape *tape, const Pattern *at
   }
 }
 
-static int right(double t, N_Vector given, N_Vector rates, void *data) {
-  Problem *problem = data;
-  const double *x = problem->sundials->values(given), *u = driving(problem, t);
-  double *out = problem->sundials->values(rates);
+/* X' (total,) at t and X; 1 where it cannot be evaluated. */
+static int rates(Problem *problem, double t, const double *x, double *out) {
+  const double *u = driving(problem, t);
   long n = problem->n, k;
   Tape *tape = problem->m || problem->n_z ? &problem->full : &problem->right;
   if (tape == &problem->full) {
@@ -322,6 +324,13 @@ static int right(double t, N_Vector given, N_Vector rates, void *data) {
     if (!isfinite(out[k])) return 1;
   return 0;
 }
+
+static int right(double t, N_Vector given, N_Vector found, void *data) {
+  Problem *problem = data;
+  return rates(problem, t, problem->sundials->values(given), problem->sundials->values(found));
+}
+
+#include "dormand_prince.c"
 
 /* I - gamma J = P' L U. */
 static int factor_newton(Problem *problem, double gamma) {
@@ -441,6 +450,7 @@ int prepare(Problem *problem, double t, double rtol, double atol, long most_step
   const Sundials *s = problem->sundials;
   int bad = 0;
   long size;
+  problem->rtol = rtol, problem->atol = atol, problem->most_steps = most_steps, problem->longest = longest;
   problem->x = s->vector(problem->total);
   problem->memory = s->create(BDF, NEWTON);
   if (!problem->x || !problem->memory) return -1;
@@ -464,6 +474,7 @@ int prepare(Problem *problem, double t, double rtol, double atol, long most_step
 
 /* Make steps no longer than this from now on; 0 for no limit. */
 int limit(Problem *problem, double longest) {
+  problem->longest = longest;
   return problem->sundials->longest_step(problem->memory, longest);
 }
 
@@ -513,12 +524,13 @@ int begin(Problem *problem, double t, const double *x, const double *z, const do
   put(problem, &problem->full, p);
   put(problem, &problem->signals, p);
   problem->piece = 0;
+  problem->step = 0.0;
   bad = note(problem, 0, t, x_out, z_out, signals);
   return bad ? bad : problem->sundials->reinit(problem->memory, t, problem->x);
 }
 
 /* Go on to stops[1 ... number], from stops[0], where the run stands; `first` is the number of the interval that begins there.
-   0, or what CVODES answers, with the time reached in `reached`. */
+   By the one-step method where that is asked for. 0, or what CVODES answers, with the time reached in `reached`. */
 int advance(Problem *problem, long number, const double *stops, long first, double *x_out, double *z_out, double *signals,
             double *reached, long *counts) {
   const Sundials *s = problem->sundials;
@@ -526,6 +538,13 @@ int advance(Problem *problem, long number, const double *stops, long first, doub
   int answer = 0;
   integrating = problem;
   for (k = 0; k < number; ++k) {
+    if (problem->one_step) {
+      if (problem->restart) problem->piece = first + k;
+      if (!(problem->step > 0)) problem->step = stops[k + 1] - stops[k];
+      answer = explicit_steps(problem, stops[k], stops[k + 1], !problem->restart && (first || k), reached, counts);
+      if (answer || (answer = note(problem, first + k + 1, stops[k + 1], x_out, z_out, signals))) return answer;
+      continue;
+    }
     if (problem->restart) {
       problem->piece = first + k;
       if ((answer = s->reinit(problem->memory, stops[k], problem->x))) return answer;

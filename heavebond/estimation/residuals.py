@@ -140,6 +140,8 @@ class Run:
 
         def watch(seen: int, signals: Array) -> None:
             nonlocal total
+            if not seen:
+                total = 0.0
             at = slice(seen, seen + signals.shape[1])
             wrong = ((signals - self.measured[:, at]) / self.noise[:, at])[which[:, at]]
             total += float(wrong @ wrong)

@@ -10,6 +10,10 @@ Once compiled equations would have saved as much time in the runs of one model a
 in the same manner, while further runs go on with the list: a run, most of which is the integrator's own work, then takes 5
 to 25 % less. The operations and their order are the same, and so are the results, to the last bit.
 
+Records with few samples in a cycle of the motion ask for many steps between two samples, and a method of several steps falls
+back to its low orders at each. Where CVODES takes more evaluations than the explicit one-step method of order 5 by Dormand
+and Prince, at the same tolerances, that method may take over (see `Method`).
+
 It serves on Linux where a C compiler is present and CasADi brings the SUNDIALS that the program was written for; everywhere
 else searches integrate through CasADi, by the same method with the same tolerances.
 """
@@ -48,6 +52,9 @@ FLAGS = ("-O2", "-shared", "-fPIC", "-ffp-contract=off")
 EQUATION_FLAGS = ("-shared", "-fPIC", *machine_code.FLAGS)
 VERSIONS = ("3.7", "3.8")  # of CasADi, whose CVODES is that of SUNDIALS 2 with double precision
 MOST_STATES = 60  # of the model: its Jacobian is dense here
+# Stages of the one-step method, with the first of the next step; how many times as many evaluations it may take as CVODES,
+# whose own work in a step is at least half of that of an evaluation; and as it took itself at first.
+STAGES, CHEAPER, WORSE = 7, 1.5, 3.0
 CHUNK = 50  # stops between two looks whether the run is still wanted
 Watch = Callable[[int, Array], None]  # of the number of stops seen before, and the signals (k, n_signals) at those since
 
@@ -75,7 +82,7 @@ FUNCTIONS = (
 MESSAGES = {-1: "mxstep steps taken before reaching tout", -2: "too much accuracy was asked for",
             -3: "error test failures occurred too many times", -4: "convergence test failures occurred too many times",
             -8: "the right-hand side failed", -9: "the right-hand side failed at the first call",
-            -10: "the right-hand side failed repeatedly"}
+            -10: "the right-hand side failed repeatedly", -101: "the one-step method took too many evaluations"}
 _Pointer = ctypes.c_void_p
 
 
@@ -96,7 +103,9 @@ class _Problem(ctypes.Structure):
                 *((name, _Pointer) for name in ("breaks", "pieces", "at_stops", "directions")), ("piece", ctypes.c_long),
                 *((name, _Pointer) for name in ("z", "along", "jacobian", "lu", "inverse", "pivots", "loop", "loop_inverse",
                                                 "by_x", "loop_pivots", "memory", "x", "newton")),
-                ("factored", ctypes.c_double)]
+                ("factored", ctypes.c_double), ("stages", _Pointer),
+                *((name, ctypes.c_long) for name in ("one_step", "most_steps", "most_evaluations")),
+                *((name, ctypes.c_double) for name in ("rtol", "atol", "longest", "step"))]
 
 
 class Equations:
@@ -168,16 +177,29 @@ class Driving:
     restarts: bool
 
 
+@dataclass(frozen=True)
+class Method:
+    """What integrates: CVODES, or where `one_step` the method of Dormand and Prince, which hands over to CVODES for good
+    where it takes more than so many evaluations between two stops, on average: the equations have become stiff."""
+
+    one_step: bool
+    evaluations: float = 0.0
+
+
+CVODES = Method(False)
+
+
 class CompiledCvodes:
     """An integration of x' = f, 0 = g with m forward sensitivities from the first to the other stops."""
 
     def __init__(self, equations: Equations, m: int, stops: Array, tolerances: Tolerances, most_steps: int,
-                 driving: Driving | None = None, longest: float = 0.0):
-        """Steps are no longer than `longest` (s) where it is above 0."""
+                 driving: Driving | None = None, longest: float = 0.0, method: Method | None = CVODES):
+        """Steps are no longer than `longest` (s) where it is above 0. Without a `method` the first run decides."""
         compiled = program()
         assert compiled is not None
         self._program, self._stops, self.equations = compiled, np.ascontiguousarray(stops, float), equations
         n, n_z, self.m, self._total = equations.n, equations.n_z, m, equations.n * (1 + m)
+        self.method = method
         none = np.zeros((0, 0))
         driving = driving or Driving(np.zeros(0), none, none, False)
         columns = [np.ascontiguousarray(driving.breaks, float), np.ascontiguousarray(driving.pieces.T, float),
@@ -185,16 +207,18 @@ class CompiledCvodes:
         self._directions = np.zeros((max(m, 1), len(equations.moving)))
         work = [np.zeros(n_z), np.zeros(n_z * m), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n, np.int32),
                 np.zeros((n_z, n_z)), np.zeros(n_z), np.zeros((n, n_z)), np.zeros(n_z, np.int32)]
+        stages = np.zeros((STAGES + 1, self._total))
         self._counts = np.zeros(3, np.int64)
         # what C points to must live as long as this does
         self._functions, slots = equations.functions, equations.slots()
-        self._kept = kept = [*columns, *work, *slots, self._directions, equations, self._functions]
+        self._kept = kept = [*columns, *work, stages, *slots, self._directions, equations, self._functions]
         n_u = driving.pieces.shape[0]
         assert n_u == 0 or len(columns[2]) == len(stops)  # C reads so many
         self._problem = _Problem(
             ctypes.cast(compiled.sundials, _Pointer), *equations.structures(slots), *equations.jacobians(), n, n_z, m,
             self._total, len(equations.moving), equations.n_p, n_u, equations.n_signals, len(columns[1]), driving.restarts,
-            *map(_address, columns), _address(self._directions), 0, *map(_address, work), None, None, None, 0.0)
+            *map(_address, columns), _address(self._directions), 0, *map(_address, work), None, None, None, 0.0,
+            _address(stages), 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
         answer = compiled.library.prepare(
             ctypes.byref(self._problem), self._stops[0], tolerances.rtol, tolerances.atol, most_steps, longest)
         # before what it points to is collected
@@ -210,7 +234,28 @@ class CompiledCvodes:
             ) -> Integrated:
         """From x0 (n (1 + m),), the states and then their sensitivities along each column of `directions` (n_p, m), with z
         near z0 (n_z,); RuntimeError where CVODES fails. Without `states` only the signals are kept. `watch` is called
-        every `CHUNK` stops with the signals at these; what it raises ends the run."""
+        every `CHUNK` stops with the signals at these, from the first on where another method begins anew; what it raises
+        ends the run."""
+        given, intervals = (x0, z0, p, directions, states, watch), len(self._stops) - 1
+        if self.method is not None and self.method.one_step:
+            try:
+                return self._run(*given, most=int(self.method.evaluations * intervals))
+            except RuntimeError:
+                check()
+                self.method = CVODES
+        found = self._run(*given)
+        if self.method is None:
+            self.method, taken = CVODES, int(self._counts[1])
+            if (most := int(CHEAPER * taken)) > (STAGES - 1) * intervals:
+                with contextlib.suppress(RuntimeError):
+                    found = self._run(*given, most=most)
+                    self.method = Method(True, WORSE * int(self._counts[1]) / intervals)
+                check()
+        return found
+
+    def _run(self, x0: Array, z0: Array, p: Array, directions: Array, states: bool, watch: Watch | None, most: int = 0
+             ) -> Integrated:
+        """The same by CVODES, or by the one-step method with so many evaluations at `most`."""
         equations, problem, stops = self.equations, self._problem, self._stops
         x0, z0 = np.ascontiguousarray(x0, float), np.ascontiguousarray(z0, float)
         hoisted, = equations.hoist(p).values()
@@ -223,6 +268,7 @@ class CompiledCvodes:
         signals = np.empty((N, equations.n_signals * (1 + m)))
         found = [_address(k) for k in (x, z, signals)]
         self._counts[:] = 0
+        problem.one_step, problem.most_evaluations = most > 0, most
         self._renew()
         library, at = self._program.library, ctypes.byref(problem)
         answer = library.begin(at, stops[0], _address(x0), _address(z0), _address(hoisted), *found)
@@ -258,7 +304,7 @@ class CompiledCvodes:
         was given."""
         how = MACHINE_CODE if isinstance(self._functions[0], _Machine) else LISTED
         return {**dict(zip(("nsteps", "nfevals", "netfails"), self._counts.tolist(), strict=True)), "equations": how,
-                "linear_solver": "direct" if self._problem.newton else "gmres"}
+                "linear_solver": "none" if self._problem.one_step else "direct" if self._problem.newton else "gmres"}
 
 
 @dataclass(frozen=True)

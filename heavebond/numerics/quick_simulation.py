@@ -29,7 +29,7 @@ from heavebond.core.errors import Problem, SimulationError
 from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
 from heavebond.numerics import compiled_cvodes, idas
-from heavebond.numerics.compiled_cvodes import CompiledCvodes, Driving, Equations, Integrated, NotCompiled, Watch
+from heavebond.numerics.compiled_cvodes import CVODES, CompiledCvodes, Driving, Equations, Integrated, NotCompiled, Watch
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.forcing import Forcing
 from heavebond.numerics.initialise import Start, Tangent
@@ -77,13 +77,17 @@ class Unexplained(Simulator):
     most_steps = SEARCH_RUNS.max_steps_exact
     share = CVODES_SHARE  # of the tolerances asked for, with which the compiled program integrates
 
-    def __init__(self, *given: Any, probe: Probe | None = None, among: Sequence[str] = (), **named: Any):
+    def __init__(self, *given: Any, probe: Probe | None = None, among: Sequence[str] = (), like: Simulator | None = None,
+                 **named: Any):
         """`probe` are the signals that `measured` gives. The compiled program has derivatives by the sensitivities and by
-        all parameters `among` which they stand: simulators that differ in nothing else share one list of operations."""
+        all parameters `among` which they stand: simulators that differ in nothing else share one list of operations. What
+        integrates is that of the simulator `like`, where it is of the same kind."""
         self.probe, self.among = probe, among
+        of = like.driver if isinstance(like, Unexplained) and type(like) is type(self) else None
+        self.method = None if of is None else of.method
         self.driver: CompiledCvodes | None = None
         self._last: tuple[Array, Start, Tangent | None] | None = None  # what was felt, and the start with it
-        super().__init__(*given, **named)
+        super().__init__(*given, like=like, **named)
 
     @property
     def looks_up(self) -> bool:
@@ -126,7 +130,7 @@ class Unexplained(Simulator):
         self.solver = Choice("cvodes", "driven by compiled code")
         tolerances = self.tolerances.scaled(self.share)
         self.driver = CompiledCvodes(self.equations, len(self.sensitivities), self.stops, tolerances, self.most_steps,
-                                     self._driving(), self._longest())
+                                     self._driving(), self._longest(), self.method)
 
     def _integrator(self) -> Integrator:
         name = "idas" if self.equations is not None else self.solver.name
@@ -254,6 +258,11 @@ class CaseSimulator(Unexplained):
     run; without sensitivities. What one run gives does not depend on those before it. `compiled` tells whether it serves."""
 
     most_steps, share = idas.MOST_STEPS, 1.0
+
+    def __init__(self, *given: Any, **named: Any):
+        super().__init__(*given, **named)
+        if self.driver is not None:
+            self.driver.method = CVODES
 
     @cached_property
     def equations(self) -> Equations | None:

@@ -70,8 +70,8 @@ def whiteness(e: Array, lags: int | None = None) -> float:
     Q = n (n + 2) sum_k r_k**2 / (n - k), k = 1 .. `lags` (min(20, n/5)), follows chi-square of `lags` degrees of freedom
     where n is large. Its tail is heavier in short records: of 240 samples 0.6 % have a p value below 0.25 %. There the p
     value is the share of sequences of white noise of the same length whose Q is as large, of at most 20 000; fewer are drawn
-    where 100 of them have a larger Q, which leaves the p value a standard deviation of a tenth of it. An offset is no part of
-    it: see `bias`. NaN for a constant and for no more than `lags` samples.
+    where 100 of them have a larger Q, which leaves the p value a standard deviation of a tenth of it. An offset is no part
+    of it: see `bias`. NaN for a constant and for no more than `lags` samples.
 
     G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297-303, doi 10.1093/biomet/65.2.297; J. Besag, P. Clifford, Sequential
     Monte Carlo p-values, Biometrika 78 (1991) 301-304, doi 10.1093/biomet/78.2.301.
