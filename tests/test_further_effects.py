@@ -102,7 +102,8 @@ def ladder(*chi2: float, given: bool = True) -> Selection:
         candidate = SimpleNamespace(label=str(after), kind="dry friction", place="at b", component="X", attaches="at")
         trial = SimpleNamespace(errors=errors(after), chi2_fit=after, chi2_held_out=after, samples=2000,
                                 samples_held_out=2000, experiment=SimpleNamespace(noise_given=given), candidate=candidate)
-        step: Any = SimpleNamespace(errors=errors(before), chosen=trial, chi2_held_out=before, chi2_fit=before)
+        step: Any = SimpleNamespace(errors=errors(before), chosen=trial, chi2_held_out=before, chi2_fit=before,
+                                    samples_held_out=2000)
         found.append(SelectedEffect(step, ()))
     return tuple(found)
 
@@ -112,6 +113,7 @@ def ladder(*chi2: float, given: bool = True) -> Selection:
     ((1000, 100, 20), True, True, 1),          # not constant
     ((1000, 100, 70), True, False, 1),         # 3 % of the misfit
     ((1000, 20, 1.0), True, True, 2),          # noise is left: nothing is asked
+    ((1000, 1.2, 1.0), True, False, 1),        # it was near the noise already
     ((1000, 20, 1.0), False, False, 1),        # an estimated one is no yardstick
     ((1000, 200, 1.0), False, False, 2),
     ((1000, 100, 70, 60), True, False, 1),     # one after the other

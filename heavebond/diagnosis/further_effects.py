@@ -2,7 +2,8 @@
 
 No law is exact, and a residual of a few per cent of the misfit may be the error of the laws that were found, which another
 law may imitate well on all records of one kind. So a further effect is named only where the model with all effects leaves
-the noise that is given, or where it
+the noise that is given, and left more than `near` before it (what is near it already is within the error of the noise that is
+given, too), or where it
 
 * takes away a material share of the misfit of the model without any effect, and
 * is a constant of the machine: its strength is the same at small and at large motion (see `constancy`).
@@ -56,7 +57,7 @@ def supported(way: Selection, say: Progress, looked_back: Callable[[Selection], 
     """The effects of a ladder that are named, and those at its end that are not, the last one first. What remains without
     one is `looked_back` on: what it may be was judged beside what is not named."""
     dropped: list[Unsupported] = []
-    while len(way) > 1 and not (way[-1].chosen.experiment.noise_given and leaves_noise(way[-1].chosen)):
+    while len(way) > 1 and not _reaches_the_noise(way[-1]):
         share, found = material_share(way), None
         if share >= DECISION.material:
             say(f"is {way[-1].candidate.label} the same at all amplitudes?")
@@ -66,6 +67,12 @@ def supported(way: Selection, say: Progress, looked_back: Callable[[Selection], 
         dropped.append(Unsupported(way[-1], share, found))
         way = looked_back(way[:-1])
     return way, dropped
+
+
+def _reaches_the_noise(added: SelectedEffect) -> bool:
+    """Whether the given noise is left with an effect, and clearly more than that without it."""
+    before = added.step.chi2_held_out if added.step.samples_held_out else added.step.chi2_fit
+    return added.chosen.experiment.noise_given and leaves_noise(added.chosen) and before > DECISION.near
 
 
 def material_share(way: Selection) -> float:
