@@ -29,6 +29,12 @@ def cooling(t: Array) -> Array:
     return T_0 + (380 - T_0)*np.exp(-0.5/(m*C_V)*t)
 
 
+def leaking(t: Array) -> Array:
+    """p' = -k (p**2 - p_0**2)/(2 p_0), so that (p - p_0)/(p + p_0) decays with k."""
+    share = (8e5 - P_0)/(8e5 + P_0)*np.exp(-5e-9*RT/2e-3*t)
+    return P_0*(1 + share)/(1 - share)
+
+
 def shared(t: Array) -> Array:
     """Gas and wall in line by 5 W/K: their difference decays, the sum stays."""
     gas, wall = 6e5*0.01/(R*400)*C_V, 0.2*900
@@ -187,6 +193,7 @@ CASES = [
     Case("atmosphere", "1*vessel.p", lambda t: 1e5 + 2e4*np.exp(-t*RT/(5e7*1e-3)), "laminar discharge, exponential", TIGHT),
     Case("pneumatic_line", "1*vessel.p", lambda t: 3e5 - 2e5*np.exp(-t*RT/(2e8*2e-3)),
          "laminar filling, exponential", TIGHT),
+    Case("laminar_pneumatic_leakage", "1*vessel.p", leaking, "the difference of squares, separated", TIGHT),
     Case("receiver", "1*vessel.p", lambda t: 1e5 + 2e-3*RT/0.01*t, "isothermal filling", TIGHT),
     Case("receiver_with_heat", "1*vessel.T", cooling, "first-order decay", TIGHT),
     Case("receiver_with_heat", "1*vessel.p", lambda t: 5e5*cooling(t)/380, "gas law at constant volume", TIGHT),

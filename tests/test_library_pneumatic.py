@@ -80,6 +80,14 @@ def test_laminar_line() -> None:
     carries(part("PneumaticLine", R="1e8 Pa*s/kg", G=1e-9), (UP - DOWN)/1e8, {}, 1e-8)
 
 
+@checks("LaminarPneumaticLeakage")
+def test_laminar_leakage_follows_the_plane_gap() -> None:
+    """Width b, height h and length L: m = b h**3 (p_1**2 - p_2**2)/(24 mu L R T)."""
+    b, h, L, mu = 0.1, 20e-6, 0.02, 18.2e-6
+    conductance = b*h**3*P_A/(12*mu*L*R*T_0)
+    carries(part("LaminarPneumaticLeakage", C_l=conductance, G=1e-9), b*h**3*(UP**2 - DOWN**2)/(24*mu*L*R*T_0), {}, 1e-6)
+
+
 @checks("SmoothPneumaticLine")
 def test_smooth_line_follows_isothermal_pipe_flow() -> None:
     length, bore, mu = 8.0, 6e-3, 18.2e-6
