@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import control
@@ -15,6 +16,8 @@ from test_sensitivities import LOOP
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.units import parse_range
+from heavebond.linear import linear_system
+from heavebond.linear.linear_system import LINEAR_SYSTEM, spread
 from heavebond.linear.linearisation import Linearisation
 from heavebond.linear.modal_energy import energy_shares
 from heavebond.linear.operating_point import OperatingPoints
@@ -284,6 +287,44 @@ def test_the_command_tells_and_draws(tmp_path: Path, capsys: pytest.CaptureFixtu
     told = _command(["linear", "cmc_ahc", "--over", "controller.K_p=0 .. 8 1/m", "--output", str(tmp_path / "l.pdf")],
                     tmp_path)
     assert len(told["limits"]) == 1
+
+
+def chain(n: int) -> hb.Model:
+    """n masses behind springs of different stiffness, the last one pulled."""
+    parts = [f"  m_{k}: {{is: Mass, m: 1 kg}}\n  s_{k}: {{is: SpringDamper, c: {100 + k} N/m, d: 0.3 N*s/m}}"
+             for k in range(n)]
+    nodes = [f"  n_{k}: [m_{k}.a, s_{k}.b" + (f", s_{k + 1}.a]" if k + 1 < n else ", pull.a]") for k in range(n)]
+    return hb.loads("\n".join(["model: chain", "components:", "  wall: {is: Fixed}", "  pull: {is: ForceSource, u: 0 N}", *parts,
+                               "nodes:", "  ground: [wall.a, s_0.a]", *nodes]))
+
+
+def test_many_states_are_solved_by_sparse_factors(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As by dense ones, in blocks of any size, with several channels."""
+    system = hb.state_space(chain(60), ["pull.u"], ["n_0.v", "n_59.v"])
+    assert len(system.states) == 120
+    points = 2j * np.pi * np.geomspace(1e-3, 10, 50)
+    sparse = system.response(points)
+    monkeypatch.setattr(linear_system, "LINEAR_SYSTEM", replace(LINEAR_SYSTEM, sparse=1000, block=7 * 120**2))
+    dense = system.response(points)
+    assert np.abs(sparse - dense).max() < 1e-11 * np.abs(dense).max()
+    assert np.abs(sparse / dense - 1).max() < 1e-6  # also where the far end hardly moves
+
+
+def test_many_resonances_share_their_points() -> None:
+    poles = np.array([complex(-0.01, w) for w in np.geomspace(1, 1000, 1000)])
+    assert len(spread(poles, poles)) < LINEAR_SYSTEM.points + 2 * LINEAR_SYSTEM.most_near
+    one = np.array([complex(-0.01, 1.0)])
+    assert len(spread(one, one)) == LINEAR_SYSTEM.points + LINEAR_SYSTEM.near
+
+
+def test_zeros_of_many_states_are_left_out_of_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "oscillator.yaml").write_text(OSCILLATOR)
+    words = ["linear", str(tmp_path / "oscillator.yaml"), "--from", "push.u", "--to", "load.x", "--json",
+             str(tmp_path / "found.json")]
+    monkeypatch.setattr(linear_system, "LINEAR_SYSTEM", replace(LINEAR_SYSTEM, zeros=1))
+    with pytest.raises(SystemExit):
+        main(words)
+    assert json.loads((tmp_path / "found.json").read_text())["channels"][0]["zeros"] is None
 
 
 def test_a_nyquist_curve_has_a_plane_for_each_unit_and_no_corners() -> None:

@@ -169,9 +169,18 @@ def _print_channels(channels: Sequence[StateSpace], span: Array) -> list[dict[st
         told.append({"from": channel.inputs[0], "to": channel.outputs[0], "unit": base.units[2][0],
                      "static_gain": static * scale, "peak_gain": float(gains[peak]) * scale,
                      "peak_frequency": float(span[peak]), "proper": channel.proper,
-                     "zeros": [] if channel.higher[1].any() else [[z.real, z.imag] for z in channel.zeros()]})
+                     "zeros": _zeros(channel)})
     terminal.output().print(terminal.table("", ("channel", "unit", "DC gain", "largest gain", "at"), rows, text=2))
     return told
+
+
+def _zeros(channel: StateSpace) -> list[list[float]] | None:
+    """The zeros of a channel; None where it has so many states that they would take long."""
+    from heavebond.linear.linear_system import LINEAR_SYSTEM
+
+    if len(channel.states) > LINEAR_SYSTEM.zeros:
+        return None
+    return [] if channel.higher[1].any() else [[z.real, z.imag] for z in channel.zeros()]
 
 
 # -- a loop ------------------------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,14 @@ class LinearSystemConstants:
     free: magnitude of a pole, over the fastest, below which it is at zero. Origin: errors of eigenvalues. Doubled:
         nothing.
     points: points of a plot. Origin: pixels. Doubled: time.
+    near: points about a resonance, together with its two flanks. Origin: pixels. Doubled: time.
+    most_near: points about all resonances together. Origin: time of systems of hundreds of states. Doubled: time.
+    sparse: number of states from which a frequency response may be solved by sparse factors. Origin: below, the dense
+        solution is faster. Doubled: time.
+    dense: share of nonzeros up to which it is. Origin: above, factors fill up. Doubled: time.
+    block: numbers of a block of dense matrices that are solved at a time. Origin: 64 MB. Doubled: memory.
+    zeros: number of states up to which a table of channels tells the zeros. Origin: the QZ algorithm takes some seconds
+        there, and eight times as long for twice as many. Doubled: time.
     """
 
     rounding: float = 1e-11
@@ -55,6 +64,12 @@ class LinearSystemConstants:
     visible: float = 1e-2
     free: float = 1e-9
     points: int = 600
+    near: int = 65
+    most_near: int = 6000
+    sparse: int = 100
+    dense: float = 0.1
+    block: int = 4_000_000
+    zeros: int = 400
 
 
 LINEAR_SYSTEM = LinearSystemConstants()
@@ -93,7 +108,7 @@ class StateSpace:
         """Whether no derivative of an input reaches an output directly."""
         return not self.higher.any()
 
-    @property
+    @cached_property
     def poles(self) -> Complex:
         """The eigenvalues of a (1/s), zeros exact."""
         return eigenvalues(self._scaled()[0])
@@ -128,9 +143,14 @@ class StateSpace:
         points = np.atleast_1d(np.asarray(s, dtype=complex))
         a, b, c = self._scaled()
         through = np.zeros((len(points), len(self.outputs), len(self.inputs)), complex)
-        if self.states:
-            through = c @ np.linalg.solve(points[:, None, None] * np.eye(len(a)) - a,
-                                          np.broadcast_to(b, (len(points), *b.shape)))
+        if len(a) >= LINEAR_SYSTEM.sparse and np.count_nonzero(a) <= LINEAR_SYSTEM.dense * a.size:
+            through = _sparse_response(a, b, c, points)
+        elif self.states:
+            number = max(1, LINEAR_SYSTEM.block // a.size)
+            for k in range(0, len(points), number):
+                some = points[k:k + number, None, None]
+                through[k:k + number] = c @ np.linalg.solve(some * np.eye(len(a)) - a,
+                                                            np.broadcast_to(b, (len(some), *b.shape)))
         points = points[:, None, None]
         return np.asarray(through + self.d + points * self.higher[0] + points**2 * self.higher[1])
 
@@ -276,14 +296,38 @@ class StateSpaces:
                           d_all[1:3], linear.sizes, point, self._shown, linear.rigid)
 
 
+def _sparse_response(a: Array, b: Array, c: Array, points: Complex) -> Complex:
+    """c (s - a)^-1 b (N, k, m) at points s (N,), by sparse factors."""
+    from scipy.sparse import csc_array
+    from scipy.sparse.linalg import splu
+
+    own = a.diagonal()
+    rows, columns = np.nonzero((a != 0) | np.eye(len(a), dtype=bool))
+    off = np.where(rows == columns, 0.0, -a[rows, columns])
+    order = np.lexsort((rows, columns))  # that of the columns
+    rows, columns, off = rows[order], columns[order], off[order]
+    on = np.flatnonzero(rows == columns)
+    ends = np.searchsorted(columns, np.arange(len(a) + 1))
+    found = np.empty((len(points), len(c), b.shape[1]), complex)
+    values, sides = off.astype(complex), b.astype(complex)
+    for k, s in enumerate(points):
+        values[on] = s - own
+        try:
+            found[k] = c @ splu(csc_array((values, rows, ends), a.shape)).solve(sides)
+        except RuntimeError as error:
+            raise np.linalg.LinAlgError(str(error)) from None  # as the dense solution says of s at a pole
+    return found
+
+
 def spread(poles: Complex, all_poles: Complex) -> Array:
     """Frequencies in Hz (N,) around the poles (1/s) of a channel, with points close to every resonance."""
     sizes = np.abs(poles)
     sizes = sizes[sizes > LINEAR_SYSTEM.free * sizes.max(initial=0.0)] if sizes.any() else np.array([2 * np.pi])
     low, high = 0.1 * float(sizes.min()), 10 * float(sizes.max())
     plain = np.geomspace(low, high, LINEAR_SYSTEM.points)
-    near = [pole.imag + max(-pole.real, 1e-6 * abs(pole)) * np.linspace(-8, 8, 65)
-            for pole in all_poles if pole.imag > 0 and abs(pole.real) < 0.3 * abs(pole)]
+    resonances = [pole for pole in all_poles if pole.imag > 0 and abs(pole.real) < 0.3 * abs(pole)]
+    number = min(LINEAR_SYSTEM.near, max(5, LINEAR_SYSTEM.most_near // max(len(resonances), 1)))
+    near = [pole.imag + max(-pole.real, 1e-6 * abs(pole)) * np.linspace(-8, 8, number | 1) for pole in resonances]
     points = np.concatenate([plain, *near])
     return np.asarray(np.unique(points[(points >= low) & (points <= high)]) / (2 * np.pi))
 
