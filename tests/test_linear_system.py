@@ -294,8 +294,8 @@ def chain(n: int) -> hb.Model:
     parts = [f"  m_{k}: {{is: Mass, m: 1 kg}}\n  s_{k}: {{is: SpringDamper, c: {100 + k} N/m, d: 0.3 N*s/m}}"
              for k in range(n)]
     nodes = [f"  n_{k}: [m_{k}.a, s_{k}.b" + (f", s_{k + 1}.a]" if k + 1 < n else ", pull.a]") for k in range(n)]
-    return hb.loads("\n".join(["model: chain", "components:", "  wall: {is: Fixed}", "  pull: {is: ForceSource, u: 0 N}", *parts,
-                               "nodes:", "  ground: [wall.a, s_0.a]", *nodes]))
+    ends = ["  wall: {is: Fixed}", "  pull: {is: ForceSource, u: 0 N}"]
+    return hb.loads("\n".join(["model: chain", "components:", *ends, *parts, "nodes:", "  ground: [wall.a, s_0.a]", *nodes]))
 
 
 def test_many_states_are_solved_by_sparse_factors(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,8 +2,8 @@
 
 No law is exact, and a residual of a few per cent of the misfit may be the error of the laws that were found, which another
 law may imitate well on all records of one kind. So a further effect is named only where the model with all effects leaves
-the noise that is given, and left more than `near` before it (what is near it already is within the error of the noise that is
-given, too), or where it
+the noise that is given, and left more than `near` before it (what is near it already is within the error of that noise,
+too), or where it
 
 * takes away a material share of the misfit of the model without any effect, and
 * is a constant of the machine: its strength is the same at small and at large motion (see `constancy`).
