@@ -14,10 +14,12 @@ from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.memory import SAMPLE_TIME, Memory
 from heavebond.import_20sim.names import camel, identifier, labels
+from heavebond.import_20sim.nets import Nets, passing
 from heavebond.import_20sim.sampling import Sampling
 from heavebond.import_20sim.sidops_tree import Assign, Connection, Do, Expr, Port, Submodel
 
 GENERIC = {"Submodel", "SubmodelEquation", "SubmodelGraphical", "Mainmodel", "SubmodelTryout"}
+GLOBALS = "globals"  # the name of the submodel of global relations
 Made = "Component | Block"
 
 
@@ -88,29 +90,6 @@ def _known_values(made: Component, builder: Builder, values: Mapping[str, float]
     return known
 
 
-class Nets:
-    """Ends of connections that are one node."""
-
-    def __init__(self) -> None:
-        self.parent: dict[str, str] = {}
-
-    def find(self, end: str) -> str:
-        self.parent.setdefault(end, end)
-        while self.parent[end] != end:
-            self.parent[end] = self.parent[self.parent[end]]
-            end = self.parent[end]
-        return end
-
-    def join(self, a: str, b: str) -> None:
-        self.parent[self.find(b)] = self.find(a)
-
-    def groups(self) -> list[list[str]]:
-        found: dict[str, list[str]] = {}
-        for end in self.parent:
-            found.setdefault(self.find(end), []).append(end)
-        return list(found.values())
-
-
 class Translator:
     """The tree of submodels of one model as components and blocks."""
 
@@ -121,7 +100,9 @@ class Translator:
         self.scopes: list[dict[str, str]] = []  # global relations of the submodels around: name to name in the diagram
         self.values: dict[str, tuple[float, str]] = {}  # of global parameters by their name in the diagram, with their unit
         self.computed: dict[str, float] = {}  # of other global quantities that are known before the run
+        self.constants: dict[str, float] = {}  # global constants
         self.texts: dict[str, str] = {}  # of global parameters that are texts, such as names of files
+        self.notes: list[tuple[str, int, str]] = []  # of global relations that compute nothing: path, line, reason
         self.pending: list[tuple[Component, str, Builder]] = []  # without initial values; with the prefix of their names
 
     def enter_texts(self, submodel: Submodel) -> None:
@@ -134,12 +115,22 @@ class Translator:
         for part in submodel.submodels:
             self.enter_texts(part)
 
+    def enter_constants(self, submodel: Submodel) -> None:
+        """Enter the global constants and whole parameters of a submodel and of those within it, which may be sizes."""
+        own = submodel.equations
+        for item in (*own.constants, *(p for p in own.parameters if p.kind == "integer")) if own is not None else ():
+            if item.is_global and not item.size and item.value is not None and (value := fold(item.value, {})) is not None:
+                stated = self.emx.stated(identifier(item.name))
+                self.constants.setdefault(item.name, value if stated is None else stated)
+        for part in submodel.submodels:
+            self.enter_constants(part)
+
     def scoped(self, label: str) -> str:
         """The name in the diagram of a global quantity."""
         return next((scope[label] for scope in reversed(self.scopes) if label in scope), label)
 
     def _known(self) -> dict[str, float]:
-        known = {**{name: value for name, (value, _) in self.values.items()}, **self.computed}
+        known = {**self.constants, **{name: value for name, (value, _) in self.values.items()}, **self.computed}
         return {**known, **{label: known[name] for scope in self.scopes for label, name in scope.items() if name in known}}
 
     def _relations(self, submodel: Submodel, old: str, new: str) -> Component | None:
@@ -154,7 +145,7 @@ class Translator:
             group[:] = [replace(item, words=(*item.words, "global")) for item in group]
         relations.parameters[:0] = relations.constants
         relations.constants = []
-        builder = Builder(Submodel("globals", submodel.line, type="Globals", equations=relations), submodel.comments,
+        builder = Builder(Submodel(GLOBALS, submodel.line, type="Globals", equations=relations), submodel.comments,
                           known=self._known())
         made = builder.build()
         made.line, made.name = submodel.line, f"{title(submodel)}Globals" if new else "Globals"
@@ -168,13 +159,24 @@ class Translator:
         for own, label in made.shared.items():
             if (value := made.items[own].value) is not None:
                 self.values[label] = value, made.items[own].unit
-        return made if made.equations or made.events or made.untranslated else None
+        if made.equations or made.events or made.untranslated:
+            return made
+        self.notes += [(new, line, why) for line, why in made.omitted]
+        return None
 
     def submodel(self, submodel: Submodel, old: str, new: str,
                  ends: list[tuple[str, str, str]]) -> Component | Block:
         """A submodel with its path in 20-sim (`a\\b`) and in the diagram (`a.b`)."""
         if submodel.equations is None and (submodel.submodels or submodel.connections):
-            return self.block(submodel, old, new)
+            block = self.block(submodel, old, new)
+            if block.parts:
+                return block
+            self.blocks.remove((new, block))
+            through = Component(block.name, "", line=block.line, items=block.items, elements=block.elements)
+            through.untranslated += block.untranslated
+            passing(through, block.equations, self._ends(submodel, {part.name: part for part in submodel.submodels})[0])
+            self.components.append((new, through))
+            return through
         computed = self._relations(submodel, old, new)
         prefix = f"{old}\\" if old else ""
         texts = {**self.texts, **{n[len(prefix):]: text for n, text in self.emx.texts.items() if n.startswith(prefix)}}
@@ -232,15 +234,19 @@ class Translator:
         return {own: known[label] for own, label in made.shared.items() if label in known}
 
     def _experiment(self, made: Component, old: str, builder: Builder) -> None:
-        """Values of the experiment."""
+        """Values of the experiment. 20-sim writes 0 for parameters of global relations that it has not compiled, which is no
+        value: theirs is that of the text."""
         prefix = f"{old}\\" if old else ""
+        relations = builder.submodel.name == GLOBALS
         for item in made.of_kind("parameter"):
             stated = self.emx.stated(f"{prefix}{item.name}")
-            if stated is not None:
+            if stated is None and item.name in made.shared:
+                stated = self.emx.stated(identifier(made.shared[item.name]))
+            if relations and stated == 0 and item.value:
+                why = f"the experiment states 0 for '{item.name}', and the global relations {item.value:g}, which is used"
+                made.omitted.append((made.line, why))
+            elif stated is not None and not (stated == 0 and self.scoped(made.shared.get(item.name, "")) in self.values):
                 item.value = stated
-        for own, shared in made.shared.items():
-            if (stated := self.emx.stated(identifier(shared))) is not None:
-                made.items[own].value = stated
         self.pending.append((made, prefix, builder))
 
     def _initial_values(self, made: Component, prefix: str, builder: Builder) -> None:
@@ -381,8 +387,8 @@ class Translator:
         if not inner or len(ends) < 2:
             return
         first, element = (sources or inner)[0]
-        name = f"{first.name}_{element}"
-        made.nodes[name] = ends
+        taken = {*made.items, *(part.name for part in made.parts.values()), *made.nodes}
+        made.nodes[_unused(f"{first.name}_{element}", taken)] = ends
 
     def _free(self, made: Block, part: Part) -> None:
         """Power ports on no connection are free ends; inputs on none are 0, as in 20-sim."""
@@ -391,7 +397,8 @@ class Translator:
             if f"{part.name}.{item.name}" in joined:
                 continue
             if item.kind == "bond":
-                made.nodes[f"{part.name}_{item.name}"] = [f"{part.name}.{item.name}"]
+                taken = {*made.items, *(p.name for p in made.parts.values()), *made.nodes}
+                made.nodes[_unused(f"{part.name}_{item.name}", taken)] = [f"{part.name}.{item.name}"]
                 if isinstance(part.what, Component) and part.what.untranslated:  # nothing flows: its effort is 0
                     part.what.equations = [(Expr(left.op, left.args, f"{item.name}.e"), right, comment)
                                            if left.name == f"{item.name}.f" else (left, right, comment)

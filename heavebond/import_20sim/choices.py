@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache
 
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.sidops_tree import Expr
@@ -143,14 +143,17 @@ def _replaced(expr: Expr, event: Expr | None) -> Expr:
 def between_events(expr: Expr) -> Expr:
     """The value that an equation gives. A choice by `time == 0` or `time > 0` keeps it from dividing by a time of 0: its
     divisors are those of a short time."""
+    @cache
     def later(e: Expr) -> Expr:
         return f.call("max", e, f.number(SHORTLY)) if e == f.name("time") else rebuilt(e, later) if e.args else e
 
+    @cache
     def kept_from_zero(e: Expr) -> Expr:
         if e.op == "/" and "time" in names(e.args[1]):
             return Expr("/", (kept_from_zero(e.args[0]), later(e.args[1])))
         return rebuilt(e, kept_from_zero) if e.args else e
 
+    @cache
     def change(e: Expr) -> Expr:
         if e.op != "if":
             return rebuilt(e, change) if e.args else e
@@ -160,6 +163,7 @@ def between_events(expr: Expr) -> Expr:
     return at_event(change(expr), None)
 
 
+@lru_cache(maxsize=100_000)
 def _asks_for_start(condition: Expr) -> bool:
     """Whether a condition compares the time with 0."""
     compared = condition.op in OPPOSITE and f.name("time") in condition.args
@@ -171,6 +175,7 @@ def _asks_for_start(condition: Expr) -> bool:
 @lru_cache(maxsize=100_000)
 def at_start(expr: Expr) -> Expr:
     """The expression at the initial time, where an instant that has passed counts as an event."""
+    @cache
     def change(e: Expr) -> Expr:
         if e.op == "event":
             return Expr(">=", (f.name("time"), e.args[0])) if e.name == "time" else FALSE
@@ -179,9 +184,10 @@ def at_start(expr: Expr) -> Expr:
     return simplified(change(expr))
 
 
-def names(expr: Expr) -> list[str]:
-    """The names in an expression."""
-    return [expr.name] if expr.op in ("name", "prev") else [n for e in expr.args for n in names(e)]
+@lru_cache(maxsize=100_000)
+def names(expr: Expr) -> tuple[str, ...]:
+    """The names in an expression, each once."""
+    return (expr.name,) if expr.op in ("name", "prev") else tuple(dict.fromkeys(n for e in expr.args for n in names(e)))
 
 
 @lru_cache(maxsize=100_000)
@@ -198,14 +204,16 @@ def renamed(expr: Expr, old: str, new: Expr) -> Expr:
     return rebuilt(expr, lambda e: renamed(e, old, new)) if expr.args else expr
 
 
+@lru_cache(maxsize=100_000)
 def begun(expr: Expr) -> Expr:
     """An expression at the very start, where what variables were before is 0."""
     return FALSE if expr.op == "prev" else rebuilt(expr, begun) if expr.args else expr
 
 
-def former(expr: Expr) -> list[str]:
-    """The variables whose former value is in an expression."""
-    return [expr.name] if expr.op == "prev" else [n for e in expr.args for n in former(e)]
+@lru_cache(maxsize=100_000)
+def former(expr: Expr) -> tuple[str, ...]:
+    """The variables whose former value is in an expression, each once."""
+    return (expr.name,) if expr.op == "prev" else tuple(dict.fromkeys(n for e in expr.args for n in former(e)))
 
 
 @lru_cache(maxsize=100_000)

@@ -60,7 +60,15 @@ class Symbols:
             self.made.untranslated.append((problem.line or line, problem.reason))
 
     def _constant(self, item: Declared) -> None:
-        if item.kind == "string" or item.value is None:
+        if item.kind == "string":
+            return
+        if item.is_global and (item.size or item.value is None):  # of another submodel, or for others
+            if item.size or (value := self.known.get(item.name)) is None:
+                self._parameter(item)
+            else:
+                self.numbers[item.name] = value
+            return
+        if item.value is None:
             return
         if item.size:
             values = self.evaluate(item.value)

@@ -44,7 +44,7 @@ from heavebond.import_20sim.momentary import with_conditions_before
 from heavebond.import_20sim.names import camel, identifier
 from heavebond.import_20sim.passed_conditions import moves, passed
 from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, Statement, Submodel
-from heavebond.import_20sim.splitting import share_repeated, split_deep
+from heavebond.import_20sim.splitting import read_held, share_repeated, split_deep
 from heavebond.import_20sim.tables import read_table
 
 NO_EFFECT = {"warning", "stopsimulation", "effortincausality", "flowincausality", "seed"}  # on the solution of the equations
@@ -102,6 +102,7 @@ class Builder(Execution):
         else:
             self.memory.keep_samples({name for name, label in self.labels.items() if label in self.sampled})
             made.junction = one_junction(self.symbols)
+            read_held(made)
             split_deep(made)
             share_repeated(made)
         return made
@@ -126,7 +127,7 @@ class Builder(Execution):
         again: Env = dict(self.triggers)
         for statement in self.source.equations:
             self.evaluate.values = self.triggers
-            if several & set(assigned(statement)):
+            if several & set(assigned(statement)) or self._anywhere(statement):
                 self._run([statement], again)
             else:
                 self.symbols.guard(partial(self._top, statement, written, start), statement.line)
@@ -137,6 +138,13 @@ class Builder(Execution):
         self.evaluate.values = {}
         self._results(code, start, written)
         self._unwritten(start, written)
+
+    def _anywhere(self, statement: Statement) -> bool:
+        """Whether a statement assigns an element whose index the run decides."""
+        try:
+            return isinstance(statement, Assign) and bool(self.evaluate.places(statement.left, statement.right))
+        except Unreadable:
+            return False
 
     def _simultaneous(self) -> set[str]:
         """The quantities on the left side of several equations that hold at the same time: there are as many equations as
@@ -350,11 +358,11 @@ class Builder(Execution):
         for e, value in zip(elements, flat if len(flat) == len(elements) else flat * len(elements), strict=False):
             self.made.initial[f.text(e)] = value
 
-    def _final(self, expr: Expr) -> Expr | None:
-        """The variable that an expression names: what it is after all statements."""
+    def _final(self, expr: Expr) -> Matrix | None:
+        """The variables that an expression names: what they are after all statements."""
         found = self.symbols.names.get(expr.name, []) if expr.op == "name" else []
-        item = self.made.items.get(found[0][0].name) if len(found) == len(found[:1][0] if found else "") == 1 else None
-        return found[0][0] if item is not None and item.kind in ("variable", "out") else None
+        kinds = {item.kind if (item := self.made.items.get(e.name)) else "" for row in found for e in row}
+        return found if found and kinds <= {"variable", "out"} else None
 
     def _table(self, name: Expr, value: Expr) -> Expr:
         """A value of a table in a file, whose name is a text or a parameter."""
@@ -384,6 +392,8 @@ class Builder(Execution):
         if name in written:
             raise Unreadable(self.submodel.line, f"'{name}' is assigned in several places")
         written.add(name)
+        if value.size > f.LARGEST:
+            raise Unreadable(self.submodel.line, f"'{name}' depends on too many branches one after the other")
         item = self.made.items.get(name)
         if self.discrete and item is not None and item.kind in ("variable", "out"):
             value = self._of_last_sample(name, value, start)

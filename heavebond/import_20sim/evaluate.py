@@ -6,9 +6,12 @@ import math
 import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import reduce
+from itertools import product as product_of
 from typing import Protocol
 
 from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.choices import renamed
 from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.matrices import MATRICES, Matrix, extreme, multiplied, product, total
 from heavebond.import_20sim.sidops_tree import Expr
@@ -49,7 +52,7 @@ class Evaluator:
     make: Calculus
     values: dict[str, Expr] = field(default_factory=dict)  # elements that have been assigned before
     table: Callable[[Expr, Expr], Expr] = lambda name, _: _no_table(name)
-    final: Callable[[Expr], Expr | None] = lambda _: None  # the variable of a name, whatever has been assigned to it before
+    final: Callable[[Expr], Matrix | None] = lambda _: None  # the variables of a name, whatever has been assigned before
     knots: Callable[[Expr], Matrix | None] = lambda _: None  # the value of `sum (direct (p.f))` or `first (p.e)` at a knot
 
     def scalar(self, expr: Expr) -> Expr:
@@ -150,6 +153,39 @@ class Evaluator:
         rows = self._range(expr.args[1], len(base))
         return [[base[i][k] for k in columns] for i in rows]
 
+    def places(self, left: Expr, value: Expr) -> list[tuple[Expr, Expr, Expr]]:
+        """The elements that `x[i] = value` may set where the run decides i, with the condition and the value for each, in
+        which i is known; none where it is known anyway."""
+        indices = left.args[1:] if left.op == "index" else ()
+        if all(e.op == "range" or fold(self.scalar(e), self.numbers) is not None for e in indices):
+            return []
+        rows = self.names.get(left.args[0].name, [])
+        if len(indices) == 1:
+            rows = [[e] for row in rows for e in row]
+        sizes = (len(rows), len(rows[0]) if rows else 0)
+        ways = [self._ways(e, n) for e, n in zip(indices, sizes, strict=False)]
+        whole, known = self.scalar(value), [self.scalar(e) if e.op == "name" else None for e in indices]
+        found = []
+        for place in product_of(*ways):
+            conditions = [c for _, c in place if c is not None]
+            own = whole
+            for index, (k, condition) in zip(known, place, strict=True):
+                if index is not None and index.op == "name" and condition is not None:
+                    own = renamed(own, index.name, f.number(k + 1.0))
+            element = rows[place[0][0]][place[1][0] if len(place) > 1 else 0]
+            found.append((element, reduce(lambda a, b: Expr("and", (a, b)), conditions), own))
+        return found
+
+    def _ways(self, index: Expr, size: int) -> list[tuple[int, Expr | None]]:
+        """The positions that an index may name, with the condition for each where the run decides it."""
+        if index.op == "range" or fold(value := self.scalar(index), self.numbers) is not None:
+            return [(k, None) for k in self._range(index, size)]
+        found: list[tuple[int, Expr | None]] = []
+        for k in range(size):
+            above, below = Expr(">", (value, f.number(k + 0.5))), Expr("<", (value, f.number(k + 1.5)))
+            found.append((k, below if k == 0 else above if k == size - 1 else Expr("and", (above, below))))
+        return found
+
     def _range(self, expr: Expr, size: int) -> list[int]:
         first, last = expr.args if expr.op == "range" else (expr, expr)
         found = list(range(self.whole(first) - 1, self.whole(last)))
@@ -189,14 +225,21 @@ class Evaluator:
             return [[multiplied(flat) if name == "mul" else total(flat) if name in ("sum", "msum") else extreme(name, flat)]]
         if name in SAME and len(expr.args) == 1:
             return [[f.call(SAME[name], e) for e in row] for row in self(expr.args[0])]
-        args = [self.scalar(a) for a in expr.args if a.op != "text"]
-        return [[self._function(name, args, expr)]]
+        return self._by_element(name, [self(a) for a in expr.args if a.op != "text"], expr)
 
-    def _function(self, name: str, args: list[Expr], expr: Expr) -> Expr:
+    def _by_element(self, name: str, args: list[Matrix], expr: Expr) -> Matrix:
+        """A function of numbers, for each element of its arguments; one that is a number counts for all elements."""
+        whole = next((a for a in args if (len(a), len(a[0])) != (1, 1)), [[f.number(0)]])
+        sides = [[[e for e, _ in row] for row in _pairs(a, whole, expr.line)] for a in args]
+        final = self.final(expr.args[0]) if expr.args else None
+        return [[self._function(name, [side[i][k] for side in sides], final[i][k] if final else None, expr)
+                 for k in range(len(row))] for i, row in enumerate(whole)]
+
+    def _function(self, name: str, args: list[Expr], final: Expr | None, expr: Expr) -> Expr:
         if name in ("event", "eventup", "eventdown", "timeevent", "frequencyevent"):
             return self.make.event(name, args, expr.line)
         if name in ("sample", "hold", "previous", "dint", "ddif"):
-            return self.make.discrete(name, args, self.final(expr.args[0]) if expr.args else None, expr.line)
+            return self.make.discrete(name, args, final, expr.line)
         if name in ("resint", "limint"):
             return (self.make.resettable if name == "resint" else self.make.limited)(args, expr.line)
         if name == "tdelay":
@@ -289,13 +332,18 @@ def _number(expr: Expr) -> Expr:
 
 
 def _each(pair: Callable[[Expr, Expr], Expr], a: Matrix, b: Matrix, line: int) -> Matrix:
+    return [[pair(x, y) for x, y in row] for row in _pairs(a, b, line)]
+
+
+def _pairs(a: Matrix, b: Matrix, line: int) -> list[list[tuple[Expr, Expr]]]:
+    """The elements of two matrices of the same size side by side; one that is a number counts for all elements."""
     if len(a) == 1 and len(a[0]) == 1:
         a = [[a[0][0] for _ in row] for row in b]
     if len(b) == 1 and len(b[0]) == 1:
         b = [[b[0][0] for _ in row] for row in a]
     if (len(a), len(a[0])) != (len(b), len(b[0])):
         raise Unreadable(line, "two vectors have different sizes")
-    return [[pair(x, y) for x, y in zip(row, other, strict=True)] for row, other in zip(a, b, strict=True)]
+    return [list(zip(row, other, strict=True)) for row, other in zip(a, b, strict=True)]
 
 
 def _product(a: Matrix, b: Matrix, line: int) -> Matrix:

@@ -83,10 +83,15 @@ class Execution:
 
     def _assign(self, statement: Assign, env: Env) -> None:
         self.memory.target = statement.left.name if statement.left.op == "name" else ""
-        value = self.evaluate(statement.right)
+        if places := self.evaluate.places(statement.left, statement.right):
+            for element, condition, value in places:
+                self.targets[f.text(element)] = element
+                env.update(self._merged(simplified(condition), {**env, f.text(element): value}, dict(env), env))
+            return
+        values = self.evaluate(statement.right)
         self.evaluate.values = {}
         target = self.evaluate(statement.left)
-        flat, elements = [e for row in value for e in row], [e for row in target for e in row]
+        flat, elements = [e for row in values for e in row], [e for row in target for e in row]
         for e, v in zip(elements, flat if len(flat) == len(elements) else flat * len(elements), strict=False):
             known = fold(v, self.numbers)
             env[f.text(e)] = simplified(v) if known is None else f.number(known)

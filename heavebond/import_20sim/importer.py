@@ -82,6 +82,7 @@ def import_emx(path: Path, library: frozenset[str] = frozenset()) -> Imported:
     comments = tokenise(emx.sidops, path.name, emx.first_line).comments
     translator = Translator(emx, comments, library, sampling(root, emx.sample_times))
     translator.enter_texts(root)
+    translator.enter_constants(root)
     top = translator.block(root, "", "")
     if not top.parts:
         why = "the model has no submodels and no equations"
@@ -115,6 +116,8 @@ class _Writer:
                                          for line, why in made.untranslated]
             if isinstance(made, Component):
                 self.result.untranslated += [Untranslated(path, line, why) for line, why in made.omitted]
+        self.result.untranslated += [Untranslated(path or self.emx.path.stem, line, why)
+                                     for path, line, why in self.translator.notes]
         if self.emx.start:
             why = (f"the run begins at {self.emx.start:g} s in 20-sim and at 0 s here, with the same duration: what depends "
                    f"on `time` comes {self.emx.start:g} s later")

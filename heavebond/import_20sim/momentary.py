@@ -6,7 +6,8 @@ branch sets is held and set by an event, whose condition must be written in what
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from functools import cache, lru_cache
 
 from heavebond.import_20sim.choices import keeps, names, rebuilt, simplified
 from heavebond.import_20sim.sidops_tree import Expr
@@ -17,16 +18,18 @@ def with_conditions_before(values: Mapping[str, Expr]) -> dict[str, Expr]:
     variables were before. A variable on which its own condition depends through others was read before it was assigned."""
     flags: dict[str, Expr] = {}
     for name, value in values.items():
-        conditions = list(_conditions(value))
+        conditions = _conditions(value)
         if conditions and keeps(value, name) and not any(keeps(c, name) for c in conditions):
             read = {n for c in conditions for n in _reached(c, values)}
             flags |= {n: values[n] for n in read if n in values and n != name and name in _reached(values[n], values)}
 
+    @cache
     def written_out(expr: Expr) -> Expr:
         if expr.op == "name" and expr.name in flags:
             return flags[expr.name]
         return rebuilt(expr, written_out) if expr.args else expr
 
+    @cache
     def change(expr: Expr) -> Expr:
         if expr.op != "if":
             return expr
@@ -36,19 +39,21 @@ def with_conditions_before(values: Mapping[str, Expr]) -> dict[str, Expr]:
     return {name: simplified(value) for name, value in found.items() if value != values[name]}
 
 
-def _conditions(value: Expr) -> Iterator[Expr]:
-    if value.op == "if":
-        yield value.args[0]
-        for branch in value.args[1:]:
-            yield from _conditions(branch)
+@lru_cache(maxsize=100_000)
+def _conditions(value: Expr) -> tuple[Expr, ...]:
+    """The conditions of a nested choice, each once: branches share their parts."""
+    if value.op != "if":
+        return ()
+    condition, *branches = value.args
+    return tuple(dict.fromkeys([condition, *(c for branch in branches for c in _conditions(branch))]))
 
 
 def _reached(expr: Expr, values: Mapping[str, Expr]) -> set[str]:
     """The variables on which an expression depends."""
-    found, front = set[str](), names(expr)
+    found, front = set[str](), [*names(expr)]
     while front:
         name = front.pop()
         if name not in found:
             found.add(name)
-            front += names(values[name]) if name in values and not keeps(values[name], name) else []
+            front += names(values[name]) if name in values and not keeps(values[name], name) else ()
     return found

@@ -3,11 +3,12 @@ of those that say the same choice several times."""
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 
 from heavebond.core.limits import BRACKETS, OPERATIONS
 from heavebond.import_20sim import formula_text as f
-from heavebond.import_20sim.choices import former, rebuilt, triggers
+from heavebond.import_20sim.choices import former, rebuilt, renamed, triggers
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.sidops_tree import Expr
 
@@ -30,6 +31,20 @@ def share_repeated(made: Component) -> None:
         for event in made.events.values():
             event.then = {own: _exchanged(value, expr, short) for own, value in event.then.items()}
             event.when = {key: text.replace(long, name) for key, text in event.when.items()}  # a call, in its brackets
+
+
+def read_held(made: Component) -> None:
+    """Let equations and events read a held variable by its own name and not by that of the output that shows it, which
+    counts as one that moves."""
+    for shown, right, _ in list(made.equations):
+        if shown.op != "name" or right.op != "name" or right.name not in made.items or made.items[right.name].kind != "held":
+            continue
+        made.equations = [(left, value if left == shown else renamed(value, shown.name, right), said)
+                          for left, value, said in made.equations]
+        word = re.compile(rf"(?<![\w.]){re.escape(shown.name)}(?![\w.])")
+        for event in made.events.values():
+            event.then = {own: renamed(value, shown.name, right) for own, value in event.then.items()}
+            event.when = {key: word.sub(right.name, text) for key, text in event.when.items()}
 
 
 def _repeated(made: Component) -> Expr | None:

@@ -1,0 +1,103 @@
+# Functions of vectors, elements that the run chooses, global constants and names of nodes in imported 20-sim models.
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_import_20sim import at, one_part, run_part
+from test_import_20sim_models import block, imported, part
+
+from heavebond.import_20sim.importer import import_emx
+
+
+def test_functions_act_on_each_element_of_a_vector(tmp_path: Path) -> None:
+    body = ("variables\n real v[3], w[3], s[2,2];\nequations\n v = [time; 2 * time; -3 * time];\n"
+            " w = limit (v, -1, [1; 1.5; 2]);\n a = sum (w);\n b = sum (int (v, [1; 2; 3]));\n"
+            " s = arctan2 ([time, 1; 2, 3], 2);\n c = s[2,1];")
+    run = run_part(tmp_path, one_part(body, "a b c"))
+    assert at(run, "a", 0.2, 1.9) == pytest.approx([0.0, 1 + 1.5 - 1], abs=1e-9)
+    assert at(run, "b", 1.0) == pytest.approx([6.0], abs=1e-6)
+    assert at(run, "c", 1.0) == pytest.approx([np.arctan2(2, 2)])
+
+
+def test_vectors_are_sampled_and_held(tmp_path: Path) -> None:
+    body = ("variables\n real v[2], w[2];\nequations\n v = sample ([time; 10 * time]);\n w = hold (v - previous (v));\n"
+            " a = w[1];\n b = w[2];")
+    run = run_part(tmp_path, one_part(body, "a b"), untranslated=1)  # the sample time is not stated
+    assert at(run, "a", 0.55, 1.95) == pytest.approx([0.1, 0.1], abs=1e-6)
+    assert at(run, "b", 0.55, 1.95) == pytest.approx([1.0, 1.0], abs=1e-6)
+
+
+def test_an_element_that_the_run_chooses_is_assigned(tmp_path: Path) -> None:
+    """`n` is 1, then 2, then 3: each element gets the value of the time at which it was chosen last."""
+    body = ("variables\n integer n;\n real v[3];\ncode\n n = if time < 0.5 then 1 else if time < 1 then 2 else 3 end end;\n"
+            " v[n] = n * 10;\n a = v[1];\n b = v[2];\n c = v[3];")
+    run = run_part(tmp_path, one_part(body, "a b c"))
+    assert at(run, "a", 0.3, 0.8, 1.8) == [10, 10, 10]
+    assert at(run, "b", 0.3, 0.8, 1.8) == [0, 20, 20]
+    assert at(run, "c", 0.3, 0.8, 1.8) == [0, 0, 30]
+
+
+def test_global_constants_give_sizes_and_values_to_submodels_before_them(tmp_path: Path) -> None:
+    parts = part("First", "signal out y", "constants\n integer global n;\n real global weights[3];\nvariables\n real v[n];\n"
+                 " integer k;\ncode\n for k = 1 to n do v[k] = k * weights[k] * time; end;\n y = sum (v);") + \
+        part("Last", "signal in u; signal out y", "constants\n integer global n = 3;\n"
+             " real global weights[3] = [1; 10; 100];\nequations\n y = u / n + weights[1];")
+    run = imported(tmp_path, parts, "First\\y -> Last\\u", 2.0)
+    assert run["Last.y"][-1] == pytest.approx(2 * 321 / 3 + 1)
+
+
+def test_a_node_does_not_take_the_name_of_a_port(tmp_path: Path) -> None:
+    inner = block("Outer", "signal out A_y", part("A", "signal out y", "equations\n y = time + time^2;")
+                  + part("B", "signal in u; signal out y", "equations\n y = u^2 + u;"), "A\\y -> B\\u; B\\y -> A_y")
+    outer = part("Use", "signal in u; signal out y", "equations\n y = u^3;")
+    run = imported(tmp_path, inner + outer, "Outer\\A_y -> Use\\u", 1.0)
+    assert run["Use.y"][-1] == pytest.approx(6**3)
+
+
+def test_branches_that_share_their_parts_are_imported_in_time(tmp_path: Path) -> None:
+    """Each branch reads what those before it have set, so that the values written out would double with each."""
+    lines = "".join(f" if x{k % 4} > {k} then x{(k + 1) % 4} = x{k % 4} + x{(k + 2) % 4}; x{(k + 3) % 4} = {k}; end;\n"
+                    for k in range(40))
+    text = one_part(f"variables\n real x0, x1, x2, x3;\ncode\n x0 = time;\n{lines} y = x1;", "y")
+    (tmp_path / "m.emx").write_text(text)
+    begin = time.monotonic()
+    import_emx(tmp_path / "m.emx")
+    assert time.monotonic() - begin < 30
+
+
+def test_a_submodel_that_only_passes_its_ports_on(tmp_path: Path) -> None:
+    through = block("Through", "signal in a [2]; signal out b [2]; power in p; power out q", "   plug a 0 0;\n",
+                    "a -> b; p => q")
+    parts = through + part("Source", "signal out y [2]", "equations\n y = [time; 3];") + \
+        part("Use", "signal in u [2]; signal out y", "equations\n y = u[1] * u[2] + u[1]^2;") + \
+        part("Push", "power out p", "equations\n p.e = 6;") + \
+        part("Rub", "power in p", "parameters\n real R = 2;\nequations\n p.f = p.e / R + 0 * p.e^3;")
+    run = imported(tmp_path, parts, "Source\\y -> Through\\a; Through\\b -> Use\\u; Push\\p => Through\\p;"
+                   "Through\\q => Rub\\p", 2.0)
+    assert run["Use.y"][-1] == pytest.approx(2 * 3 + 4)
+    assert run["Rub.a.f"][-1] == pytest.approx(3)
+
+
+def test_a_zero_of_the_experiment_does_not_replace_a_value_of_the_global_relations(tmp_path: Path) -> None:
+    relations = ("description '<Description><GlobalRelations>parameters\n real La = 0.5;\n real K = 2;\n</GlobalRelations>"
+                 "</Description>';\n")
+    inner = part("Coil", "signal out y", "parameters\n real global La;\n real global K;\nequations\n y = K * time / La;")
+    outer = block("Motor", "signal out y", inner, "Coil\\y -> y").replace(" type Submodel", relations + " type Submodel")
+    use = part("Use", "signal in u; signal out y", "equations\n y = u^2;")
+    experiment = ("<Variables><Parameters><Variable><Name>La</Name><Value>0</Value></Variable>"
+                  "<Variable><Name>K</Name><Value>3</Value></Variable></Parameters></Variables>")
+    run = imported(tmp_path, outer + use, "Motor\\y -> Use\\u", 1.0, experiment, untranslated=1)
+    assert run["Use.y"][-1] == pytest.approx(36)
+
+
+def test_a_state_of_a_combustion_is_compared_where_it_is_held(tmp_path: Path) -> None:
+    """The output `state` is 0, 1, 2 in turn; conditions ask for its value."""
+    body = ("code\n if time > 0.5 and state == 0 then state = 1; end;\n if time > 1 and state == 1 then state = 2; end;\n"
+            " y = if state == 2 then 7 else 3 end;")
+    run = run_part(tmp_path, one_part(body, "state y"))
+    assert at(run, "state", 0.3, 0.8, 1.5) == [0, 1, 2]
+    assert at(run, "y", 0.3, 0.8, 1.5) == [3, 3, 7]
