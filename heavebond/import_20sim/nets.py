@@ -33,8 +33,8 @@ class Nets:
 
 
 def passing(made: Component, equations: Iterable[tuple[str, str]], nets: Nets) -> None:
-    """Give a component the equations of a submodel without parts, whose ports are connected to each other: signals are equal,
-    and bonds have one effort and flows whose sum is 0. `equations` are those between its signals that are known."""
+    """Give a component the equations of a submodel without parts, whose ports are connected to each other: signals are
+    equal, and bonds have one effort and flows whose sum is 0. `equations` are those between its signals that are known."""
     made.equations = [(f.name(left), f.number(0) if right == "0" else f.name(right), "") for left, right in equations]
     given = {left.name for left, *_ in made.equations}
     for group in nets.groups():
