@@ -3,7 +3,6 @@
     python -m benchmarks.published_search                        # all; the tables of docs/published_structures.md
     python -m benchmarks.published_search "first order" --population 128 --repeats 4
     python -m benchmarks.published_search --read                 # tables of the recorded results
-    python -m benchmarks.published_search --pairs                # pairs of numbers that are seldom met together
 
 The objective counts the numbers that are not met and has a smaller smooth part. It jumps where one of two minima of the
 index becomes the lower one, so the search is differential evolution, from Sobol points and the values of the model.
@@ -23,7 +22,18 @@ import numpy as np
 from scipy.optimize import Bounds, differential_evolution
 from scipy.stats import qmc
 
-from benchmarks.published_structures import BOX, CELLS, OURS, PUBLISHED, STRUCTURES, TOLERANCES, Array, Structure, numbers
+from benchmarks.published_structures import (
+    BOX,
+    FINE,
+    OURS,
+    PUBLISHED,
+    STRUCTURES,
+    TOLERANCES,
+    Array,
+    Structure,
+    numbers,
+)
+from heavebond.core.threads import single
 
 RESULTS = Path(__file__).with_name("published_structures.json")
 BOXES = ("data sheet", "wide")
@@ -91,7 +101,8 @@ def most_cells(rows: Array) -> dict[str, int]:
 
 
 def searched(structure: Structure, population: int, generations: int, repeats: int, wide: bool = False) -> Kept:
-    """Differential evolution from Sobol points and the values of the model, several times."""
+    """Differential evolution from Sobol points and the values of the model, several times; the best points at finer
+    frequencies."""
     free = structure.free
     seen_points: list[Array] = []
     seen: list[Array] = []
@@ -111,37 +122,17 @@ def searched(structure: Structure, population: int, generations: int, repeats: i
                                      seed=seed, tol=0, polish=False, vectorized=True, updating="deferred")
         ends.append(float(end.fun))
     pool, rows = np.vstack(seen_points), np.vstack(seen)
-    best = int(objective(rows).argmin())
+    cells = (misses(rows)[:, :10] == 0).sum(axis=1)
+    checked = np.unique([*objective(rows).argsort()[:128], *(
+        k for columns in CONDITIONS.values()
+        for k in np.where((misses(rows)[:, columns] == 0).all(axis=1), -cells, 1).argsort()[:64])])
+    pool, checked_rows = pool[checked], np.vstack([numbers(structure, values_at(structure, part, wide), FINE)
+                                                   for part in np.array_split(pool[checked], 8)])
+    best = int(objective(checked_rows).argmin())
     left_out = np.array([rows[objective(rows, k).argmin(), k] / PUBLISHED[k] - 1 for k in range(10)])
     chosen = values_at(structure, pool[best:best + 1], wide)
-    return {"values": {name: float(chosen[name][0, 0]) for name in free}, "numbers": rows[best].tolist(), "ends": ends,
-            "left_out": left_out.tolist(), "evaluations": len(rows), "most": most_cells(rows)}
-
-
-# -- pairs of numbers --------------------------------------------------------------------------------------------------
-SELDOM = 0.2  # of the points expected of two independent numbers, within the ranges of data sheets: a row of the table
-NUMBERS = (*(f"{wob:g} kN at {f_n:g} Hz, {'with' if friction else 'without'}" for (friction, f_n), wob in
-             zip(CELLS, PUBLISHED, strict=False)),
-           "K_p 3.02 1/m", "K_p 6.15 1/m", "K_v 0.55 s/m, with", "K_v 0.55 s/m, without", "0.23 Hz")
-
-
-def met_together(points: int, wide: bool, seed: int = 0) -> tuple[Array, Array]:
-    """Over a Sobol sample of the values of every structure: (15, 15) the points at which both numbers are met, and those
-    expected if one did not depend on the other."""
-    met = np.vstack([misses(numbers(structure, values_at(structure, part, wide))) == 0 for structure in STRUCTURES
-                     for part in np.array_split(qmc.Sobol(len(structure.free), seed=seed).random(points), -(-points // 64))])
-    together = met.T.astype(float) @ met
-    alone = together.diagonal()
-    return together, np.outer(alone, alone) / len(met)
-
-
-def pairs(points: int) -> list[str]:
-    """Rows of the table of the page, the least share of the expected points first."""
-    (found, expected), (far, far_expected) = (met_together(points, wide) for wide in (False, True))
-    share = found / expected
-    seldom = [(i, j) for j in range(15) for i in range(j) if share[i, j] < SELDOM]
-    return [f"| {NUMBERS[i]} | {NUMBERS[j]} | {found[i, j]:.0f} of {expected[i, j]:.0f} | {far[i, j]:.0f} of "
-            f"{far_expected[i, j]:.0f} |" for i, j in sorted(seldom, key=lambda pair: share[pair])]
+    return {"values": {name: float(chosen[name][0, 0]) for name in free}, "numbers": checked_rows[best].tolist(),
+            "ends": ends, "left_out": left_out.tolist(), "evaluations": len(rows), "most": most_cells(checked_rows)}
 
 
 # -- table -------------------------------------------------------------------------------------------------------------
@@ -179,12 +170,8 @@ def main() -> None:
     parser.add_argument("--generations", type=int, default=60)
     parser.add_argument("--repeats", type=int, default=2)
     parser.add_argument("--read", action="store_true", help="print the tables of the recorded results")
-    parser.add_argument("--pairs", type=int, nargs="?", const=1024, metavar="POINTS",
-                        help="print the pairs of numbers that are seldom met together, of 1024 points a structure")
     options = parser.parse_args()
-    if options.pairs:
-        print("\n".join(pairs(options.pairs)))
-        return
+    single()
     kept = kept_results(RESULTS)
     for box in BOXES:
         print(f"\n{box}\n{HEADER}")

@@ -50,7 +50,9 @@ REFERENCE = {True: 0.571, False: OMEGA}
 ODD = np.arange(1, 46, 2)  # harmonics of the wave; friction and valve are odd
 HARMONICS: Array = np.asarray(OMEGA * ODD, dtype=np.float64)
 HALF = np.arange(128) / 256 * PERIOD  # half a period, the other half is its mirror image
-NYQUIST = 2 * np.pi * np.geomspace(0.03, 20, 320)
+NYQUIST = 2 * np.pi * np.geomspace(0.1, 20, 480)
+FINE = 2 * np.pi * np.geomspace(0.1, 20, 2000)  # at which results are checked: a search finds gaps between frequencies
+AROUND = np.linspace(-1, 1, 66)[1:-1]  # steps of NYQUIST around a resonance
 INSIDE = 0.998  # of the limit of K_p, the largest gain that is tried
 STEPS = 40  # of K_p
 
@@ -219,11 +221,12 @@ def linear(structure: Structure, v: Values, s: Complex, slope: float) -> Linear:
 
 
 def plane(structure: Structure, v: Values, w: Array) -> Complex:
-    """s at the real frequencies w, or what backward Euler makes of it."""
+    """s at the real frequencies w, (m,) or (n, m), or what backward Euler makes of it."""
+    w = np.atleast_2d(w)
     if not structure.euler:
-        return np.asarray(1j * w[None, :])
+        return np.asarray(1j * w)
     step = v["step"]
-    return np.asarray((1 - np.exp(-1j * w[None, :] * step)) / step)
+    return np.asarray((1 - np.exp(-1j * w * step)) / step)
 
 
 def hold(structure: Structure, v: Values, s: Complex) -> Complex | float:
@@ -238,12 +241,29 @@ def slopes(friction: bool) -> tuple[float, ...]:
     return (SIGMA_2, SIGMA_2 + 4 * F_C / (np.pi * OMEGA * HEAVE), 1e7) if friction else (0.0,)
 
 
-def limit_of_gain(structure: Structure, v: Values, f_n: float, open_loops: Sequence[Complex]) -> Array:
-    """(n,) largest stable K_p: the first crossing of the Nyquist plot with the negative real axis, over all `slopes`."""
-    s, found = plane(structure, v, NYQUIST), []
-    controlled = valve(structure, v, s, f_n) * hold(structure, v, s)
-    for open_loop in open_loops:
-        loop = open_loop * controlled
+def open_loops(structure: Structure, v: Values, friction: bool, w: Array = NYQUIST) -> list[tuple[Complex, Complex]]:
+    """(n, m) s and crown position per spool, for each of `slopes`, with more frequencies around the two highest resonances:
+    a weakly damped one crosses the real axis twice within a step of `w`, which are in geometric progression."""
+    found, ratio = [], w[1] / w[0]
+    for slope in slopes(friction):
+        at = plane(structure, v, w)
+        size = np.abs(linear(structure, v, at, slope).spool * at)
+        inner = size[:, 1:-1]
+        peaks = np.where((inner >= size[:, :-2]) & (inner > size[:, 2:]), inner, 0).argsort(axis=1)[:, -2:] + 1
+        around = (w[peaks][:, :, None] * ratio**AROUND).reshape(len(size), -1)
+        every = np.sort(np.concatenate([np.broadcast_to(w, size.shape), around], axis=1), axis=1)
+        if structure.euler:
+            every = np.minimum(every, 0.999 * np.pi / v["step"])  # beyond it the discrete equations repeat themselves
+        s = plane(structure, v, every)
+        found.append((s, linear(structure, v, s, slope).spool))
+    return found
+
+
+def limit_of_gain(structure: Structure, v: Values, f_n: float, loops: Sequence[tuple[Complex, Complex]]) -> Array:
+    """(n,) largest stable K_p: the first crossing of the Nyquist plot with the negative real axis, over all `open_loops`."""
+    found = []
+    for s, open_loop in loops:
+        loop = open_loop * valve(structure, v, s, f_n) * hold(structure, v, s)
         a, b = loop[:, :-1], loop[:, 1:]
         share = a.imag / np.where(a.imag == b.imag, 1, a.imag - b.imag)
         real = a.real + share * (b.real - a.real)
@@ -299,13 +319,13 @@ def cell(structure: Structure, v: Values, friction: bool, f_n: float, rounds: in
     return cells(structure, v, friction, (f_n,), rounds)[0]
 
 
-def cells(structure: Structure, v: Values, friction: bool, valves: Sequence[float] = VALVES, rounds: int = 4) -> list[Cell]:
-    """A row of the published table."""
-    at = plane(structure, v, NYQUIST)
-    open_loops = [linear(structure, v, at, slope).spool for slope in slopes(friction)]
+def cells(structure: Structure, v: Values, friction: bool, valves: Sequence[float] = VALVES, rounds: int = 4,
+          w: Array = NYQUIST) -> list[Cell]:
+    """A row of the published table; `w` are the frequencies of the Nyquist plot."""
+    loops = open_loops(structure, v, friction, w)
     s = plane(structure, v, HARMONICS)
     machine = linear(structure, v, s, slopes(friction)[0])
-    return [tuned(structure, v, s, machine, friction, f_n, limit_of_gain(structure, v, f_n, open_loops), rounds)
+    return [tuned(structure, v, s, machine, friction, f_n, limit_of_gain(structure, v, f_n, loops), rounds)
             for f_n in valves]
 
 
@@ -337,6 +357,11 @@ def tuned(structure: Structure, v: Values, s: Complex, machine: Linear, friction
     return Cell(k_p, k_v, limit, wob)
 
 
+def squared(z: Complex) -> Array:
+    """Squared magnitude."""
+    return np.asarray(z.real**2 + z.imag**2)
+
+
 def gains(grid: Array, free: Complex, held: Complex, forward: Complex, shift: Complex, s: Complex,
           reference: float, resolution: float) -> tuple[Array, Array]:
     """(n,) K_p and K_v of the smallest index. K_v acts on the fundamental alone, both parts of the index there alike."""
@@ -345,11 +370,15 @@ def gains(grid: Array, free: Complex, held: Complex, forward: Complex, shift: Co
     k_v = np.clip((first * feed.conj()).real / np.abs(feed) ** 2, 0, 1.2)
     if resolution:
         k_v = np.round(k_v / resolution) * resolution
-    closed = 1 / np.abs(1 + grid[:, :, None] * held[:, None, :]) ** 2
-    size = np.abs(free[:, None, :] - grid[:, :, None] * shift[:, None, :]) ** 2
-    size[:, :, 0] = np.abs(first - k_v * feed) ** 2
-    position = np.sqrt((size * closed).sum(axis=2))
-    speed = np.sqrt((size * closed * np.abs(s[:, None, :]) ** 2).sum(axis=2))
+    # |1 + K_p held|**2 and |free - K_p shift|**2 as polynomials in K_p
+    k, feedback, square = grid[:, :, None], squared(held)[:, None, :], squared(free)[:, None, :]
+    closed = 1 + k * (2 * held.real[:, None, :] + k * feedback)
+    if shift.any():
+        square = square - k * (2 * (free * shift.conj()).real[:, None, :] - k * squared(shift)[:, None, :])
+    kept = square / closed
+    kept[:, :, 0] = squared(first - k_v * feed) / closed[:, :, 0]
+    position = np.sqrt(kept.sum(axis=2))
+    speed = np.sqrt((kept @ squared(s)[:, :, None])[:, :, 0])
     index = position + speed / reference
     best, rows = index.argmin(axis=1), np.arange(len(grid))
     inner = np.clip(best, 1, STEPS - 2)
@@ -361,9 +390,9 @@ def gains(grid: Array, free: Complex, held: Complex, forward: Complex, shift: Co
     return k_p, k_v[rows, best]
 
 
-def numbers(structure: Structure, v: Values) -> Array:
+def numbers(structure: Structure, v: Values, w: Array = NYQUIST) -> Array:
     """(n, 15) what PUBLISHED lists: ten cells, K_p and K_v at 0.75 Hz with and without friction, eigenfrequency."""
-    found = dict(zip(CELLS, [one for friction in TABLE for one in cells(structure, v, friction)], strict=True))
+    found = dict(zip(CELLS, [one for friction in TABLE for one in cells(structure, v, friction, w=w)], strict=True))
     k_p = [found[friction, 0.75].K_p for friction in TABLE]
     k_v = [found[friction, 0.75].K_v for friction in TABLE]
     if structure.cascade:

@@ -28,9 +28,8 @@ def values(**changed: float) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("zeta", [0.5, 0.87, 1.2])
 def test_stability_boundary_of_rigid_oil(zeta: float) -> None:
     """K_p K_q = 2 zeta omega_n, by Hurwitz's criterion."""
-    at = structures.plane(RIGID, values(), structures.NYQUIST)
-    open_loop = structures.linear(RIGID, values(), at, 0.0).spool
-    found = structures.limit_of_gain(RIGID, values(zeta=zeta), 0.75, [open_loop]).item()
+    loops = structures.open_loops(RIGID, values(), friction=False)
+    found = structures.limit_of_gain(RIGID, values(zeta=zeta), 0.75, loops).item()
     assert found == pytest.approx(2 * zeta * 2 * np.pi * 0.75 / structures.K_Q, rel=2e-3)
 
 
@@ -46,17 +45,15 @@ def test_rigid_oil_is_not_below_its_bound() -> None:
 
 def test_first_order_valve_has_no_boundary() -> None:
     first = replace(RIGID, law="first order")
-    at = structures.plane(first, values(), structures.NYQUIST)
-    open_loop = structures.linear(first, values(), at, 0.0).spool
-    assert structures.limit_of_gain(first, values(), 0.75, [open_loop]).item() > 1e6
+    loops = structures.open_loops(first, values(), friction=False)
+    assert structures.limit_of_gain(first, values(), 0.75, loops).item() > 1e6
 
 
 def test_boundary_of_the_full_model() -> None:
     """3.29 1/m at 0.75 Hz and 2.109 1/m at 2.5 Hz without friction, as on docs/published_system.md."""
-    at = structures.plane(BASE, values(), structures.NYQUIST)
-    open_loop = structures.linear(BASE, values(), at, 0.0).spool
+    loops = structures.open_loops(BASE, values(), friction=False)
     for f_n, limit in ((0.75, 3.29), (2.5, 2.109)):
-        assert structures.limit_of_gain(BASE, values(), f_n, [open_loop]).item() == pytest.approx(limit, rel=0.01)
+        assert structures.limit_of_gain(BASE, values(), f_n, loops).item() == pytest.approx(limit, rel=0.01)
 
 
 @pytest.mark.parametrize("box", search.BOXES)
@@ -71,7 +68,7 @@ def test_the_page_has_the_recorded_results(box: str) -> None:
 def test_recorded_numbers_follow_from_recorded_values(box: str) -> None:
     for structure in STRUCTURES:
         kept = RESULTS[box][structure.name]
-        found = structures.numbers(structure, values(**kept["values"]))[0]
+        found = structures.numbers(structure, values(**kept["values"]), structures.FINE)[0]
         assert found == pytest.approx(kept["numbers"], rel=1e-6)
 
 
@@ -94,15 +91,28 @@ def test_sentences_on_single_results() -> None:
     def met(kept: search.Kept) -> np.ndarray:
         return search.misses(np.array(kept["numbers"])) == 0
 
-    stiff = wide[BASE.name]["values"]
-    assert met(wide[BASE.name])[10:].all() and stiff["beta"] > 5 * 1.8e9 and stiff["zeta"] == pytest.approx(1.2, abs=0.05)
-    assert met(wide[BASE.name])[:10].sum() == 7 and met(wide["friction as printed"]).sum() == 8 + 5
+    stiff = wide[BASE.name]
+    assert met(stiff)[:10].sum() == 8 and met(stiff)[10:].tolist() == [True, False, True, True, True]
+    assert stiff["numbers"][11] == pytest.approx(5.25, abs=0.005)
+    assert stiff["values"]["beta"] / 1.8e9 == pytest.approx(8, abs=0.5)
+    printed = wide["friction as printed"]
+    assert met(printed).sum() == 8 + 5 and printed["values"]["beta"] / 1.8e9 == pytest.approx(7, abs=0.5)
+    assert [67 / (kept["values"]["beta"] / 1.8e9) for kept in (stiff, printed)] == pytest.approx([8.5, 9.5], abs=0.1)
+    stiffer = [kept["values"] for name, kept in wide.items() if met(kept)[11] and BY_NAME[name].law == "natural frequency"
+               and BY_NAME[name].masses == "three" and BY_NAME[name].oil != "rigid"
+               and not BY_NAME[name].euler and not BY_NAME[name].cascade]
+    assert len(stiffer) >= 4
+    oil, zeta = ([one[name] for one in stiffer] for name in ("beta", "zeta"))
+    assert [min(oil) / 1.8e9, max(oil) / 1.8e9] == pytest.approx([2.4, 10], rel=0.02)
+    assert [min(zeta), max(zeta)] == pytest.approx([1.2, 1.35], abs=0.02)
     steps = [kept["values"]["step"] for kept in narrow.values() if "step" in kept["values"] and met(kept)[11]]
-    assert steps and np.ptp(steps) < 0.01 and np.mean(steps) == pytest.approx(0.045, abs=0.005)
+    assert [min(steps), max(steps)] == pytest.approx([0.040, 0.057], abs=0.0005)
     best = narrow["backward Euler, crown block and hook as one mass"]
     assert met(best)[:10].sum() == 8 and met(best)[10:].all() and best["values"]["step"] == pytest.approx(0.044, abs=0.001)
-    assert max(best["ends"]) - min(best["ends"]) < 0.1
-    assert narrow["crown block and hook as one mass, -3 dB"]["numbers"][14] == pytest.approx(0.273, abs=0.001)
+    assert max(best["ends"]) - min(best["ends"]) > 0.9     # one of two repeats
+    nine = narrow["friction as printed, -3 dB"]
+    assert met(nine)[:10].sum() == 9
+    assert [nine["numbers"][14], nine["numbers"][11]] == pytest.approx([0.275, 3.86], abs=0.006)
     late = [kept["values"]["T_1"] for name, kept in wide.items() if met(kept)[11]
             and BY_NAME[name].law in ("first order", "-3 dB") and not BY_NAME[name].cascade
             and BY_NAME[name].masses == "three"]
@@ -127,27 +137,6 @@ def test_bounds_in_closed_form() -> None:
     assert [steep, steep * 0.75 / 1.25] == pytest.approx([6.5, 3.9], abs=0.05)
 
 
-def pairs_on_the_page() -> list[str]:
-    """Rows of the table of pairs."""
-    text = PAGE.read_text(encoding="utf-8").split("<!-- pairs -->\n")[1]
-    return text.split("\n\n")[0].splitlines()[2:]
-
-
-def test_pairs_in_another_sample() -> None:
-    """Those of the page that are frequent enough to be expected in 32 points a structure."""
-    found, expected = search.met_together(32, wide=False, seed=7)
-    for line in pairs_on_the_page():
-        i, j = (search.NUMBERS.index(name.strip()) for name in line.split("|")[1:3])
-        if expected[i, j] >= 10:
-            # a fifth of what is expected, and 2.5 standard deviations of a count as small as that
-            assert found[i, j] <= 0.2 * expected[i, j] + 2.5 * np.sqrt(0.2 * expected[i, j])
-
-
-@pytest.mark.slow  # a minute
-def test_pairs_that_are_seldom_met() -> None:
-    assert search.pairs(1024) == pairs_on_the_page()
-
-
 def confirmed_on_the_page() -> list[tuple[str, list[float]]]:
     """Arguments of each command of the page, and the line of the full model below it for each structure."""
     found, command = [], ""
@@ -157,6 +146,21 @@ def confirmed_on_the_page() -> list[tuple[str, list[float]]]:
         elif line.startswith("  full "):
             found.append((command, [float(word) for word in line.split()[1:]]))
     return found
+
+
+def test_sentences_on_the_full_model() -> None:
+    """Gains without friction with stiff oil, and counts of cells, as the lines of the full model have them."""
+    lines = {command.split("published_confirm ")[1]: [] for command, _ in confirmed_on_the_page()}
+    for command, stated in confirmed_on_the_page():
+        lines[command.split("published_confirm ")[1]].append(stated)
+    stiff = [stated[11] for command, found in lines.items() if command.startswith("--wide") for stated in found]
+    text = " ".join(PAGE.read_text(encoding="utf-8").split())
+    assert f"is K_p {stiff[0]:.2f} and {stiff[1]:.2f} 1/m in the full model, {100 * (1 - stiff[0] / 6.15):.0f} and " \
+        f"{100 * (1 - stiff[1] / 6.15):.0f} % below the published 6.15" in text
+    counts = [int(word) for word in re.findall(r": ([0-9]+) cells within 25 %", text)]
+    for count, (_, stated) in zip(counts, confirmed_on_the_page(), strict=True):
+        off, rounding = abs(np.array(stated[:10]) / PUBLISHED[:10] - 1), 0.005 / PUBLISHED[:10]
+        assert (off <= 0.25 - rounding).sum() <= count <= (off <= 0.25 + rounding).sum()
 
 
 @pytest.mark.long
@@ -207,7 +211,8 @@ def backward_euler(p: dict[str, float], step: float) -> tuple[np.ndarray, np.nda
     (True, 0.75, 3.29, 0.521, 2.66), (True, 2.5, 2.70, 0.527, 1.57), (False, 0.75, 5.3, 0.512, 1.40),
     (False, 1.0, 6.2, 0.515, 0.89)])
 def test_nonlinear_equations_by_backward_euler(friction: bool, f_n: float, K_p: float, K_v: float, expected: float) -> None:
-    found = RESULTS["data sheet"]["backward Euler, crown block and hook as one mass"]["values"]
+    found = {"hook": 64415.9, "d_string": 3710.46, "d_formation": 8687.47, "equalised": 1.12229, "beta": 1.78125e9,
+             "leakage": 1.53967e-11, "zeta": 0.902179, "T_1": 0.0227012, "step": 0.0436873}
     p = {**reference.ACTIVE, **({} if friction else reference.FRICTIONLESS), "m_2": found["hook"],
          "m_3": 133e3 - found["hook"], "k_wire": 2e8, "d_wire": 2e6,
          "d_string": found["d_string"], "d_form": found["d_formation"],

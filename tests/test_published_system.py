@@ -181,7 +181,7 @@ def test_table_3_whole() -> None:
 
 
 def test_the_values_are_better_than_those_that_a_search_by_gradients_finds() -> None:
-    """By the count of the calibration, 57.9 at handbook figures and 22.5 where it ends."""
+    """By the count of the calibration, 51.4 at handbook figures and 23.5 where it ends."""
     study = load_study(STUDIES + "calibration")
     assert study.calibration is not None
     given, total, diagram = study.beside[study.calibration.source].numbers, 0.0, load_study(STUDIES + "table3")
@@ -201,12 +201,14 @@ def test_calibration_whole() -> None:
     """From handbook figures, as the page tells it. The way is rough (friction): the sum to 5 %, the values to 10 %."""
     found = hb.run_study(STUDIES + "calibration")
     assert found.complete and found.calibrated is not None
-    assert found.calibrated.history[0] == pytest.approx(57.9, rel=0.01)
-    assert min(found.calibrated.history) == pytest.approx(22.5, rel=0.05)
+    first, last, zeta, beta, hook = stated(r"decreases from ([0-9.]+) to ([0-9.]+): spool damping ([0-9.]+), bulk modulus "
+                                           r"([0-9.]+) GPa, ([0-9.]+) t of string at the hook")
+    assert found.calibrated.history[0] == pytest.approx(first, rel=0.02)
+    assert min(found.calibrated.history) == pytest.approx(last, rel=0.05)
     after = {name: pair[1] for name, pair in found.calibrated.values.items()}
-    assert after["ahc.valve.zeta"] == pytest.approx(0.79, rel=0.1)
-    assert after["ahc.cylinder.beta"] == pytest.approx(1.8e9, rel=0.05)
-    assert after["drilling.hook.m"] == pytest.approx(58.6e3, rel=0.1)
+    assert after["ahc.valve.zeta"] == pytest.approx(zeta, rel=0.1)
+    assert after["ahc.cylinder.beta"] == pytest.approx(1e9 * beta, rel=0.05)
+    assert after["drilling.hook.m"] == pytest.approx(50e3 + 1e3 * hook, rel=0.1)
 
 
 @pytest.mark.slow
@@ -384,3 +386,51 @@ def test_sentence_on_two_minima() -> None:
                        load_study("cmc_ahc/quality_index").tuning)
     lower, other = (damped.at({"controller.K_p": one, "controller.K_v": 0.524}).cost for one in (3.346, 2.392))
     assert 100 * (other / lower - 1) == pytest.approx(less, abs=0.25)
+
+
+def test_the_bit_lifts_off_with_every_assumed_value() -> None:
+    """Passive, with friction: each value of the table at either end of its bounds."""
+    ends = {"cmc.equaliser.A": (0, 80e-4), "cmc.gas.A": (1569e3 / 200e5, 1569e3 / 100e5), "cmc.friction.k_p": (0, 1e-4),
+            "drilling.hook.m": (50e3, 90e3), "drilling.wires.d": (5e3, 100e3), "drilling.string.d": (1.5e3, 28e3),
+            "drilling.formation.d": (5e3, 255e3), "wave.t_r": (1, 12)}
+    machine = hb.assemble(hb.load("cmc_ahc/passive"))
+    off = [100 * (hb.simulate(machine, parameters={path: value}).display["WOB"][3600:] <= 0).mean()
+           for path, values in ends.items() for value in values]
+    assert stated(r"off bottom for ([0-9]+) to ([0-9]+) % of the time") == pytest.approx([min(off), max(off)], abs=1)
+
+
+def test_sentence_on_slow_gains_at_half_a_hertz() -> None:
+    """Without friction: a K_p of about a half, and one beyond the boundary."""
+    half, whole, growing, beyond = stated(r"7.1 requires K_p ([0-9.]+) instead of ([0-9.]+) 1/m, .* grows "
+                                          r"\(([0-9.]+) kN with ([0-9.]+) 1/m\)")
+    k_v = on_the_page()["without", "0.5 Hz"]["K_v"]
+    given = {"ahc__valve__f_n": 0.5, "controller__K_v": k_v}
+    assert whole == pytest.approx(on_the_page()["without", "0.5 Hz"]["K_p"], abs=0.05)
+    for k_p, kilonewton, near in ((half, 7.1, 0.05), (beyond, growing, 0.1)):
+        found = abs(wob("cmc_ahc/active_frictionless", controller__K_p=k_p, **given)).max()
+        assert found == pytest.approx(kilonewton, rel=near)
+
+
+def test_sentence_on_a_misprint() -> None:
+    gain, kilonewton = stated(r"not a misprint of 3.15: with ([0-9.]+) 1/m, which is stable here, the weight on bit varies "
+                              r"by ([0-9.]+) kN")
+    found = abs(wob("cmc_ahc/active_frictionless", controller__K_p=gain, controller__K_v=0.55)).max()
+    assert found == pytest.approx(kilonewton, rel=0.03)
+
+
+def test_sentence_on_the_printed_friction_near_rest() -> None:
+    """F has the sign of v only where F_s tanh(xi v) is above F_c."""
+    speed, = stated(r"drives the piston as long as it moves at less than ([0-9.]+) mm/s")
+    assert np.arctanh(12 / 22.8) == pytest.approx(speed, abs=0.05)
+
+
+@pytest.mark.slow
+def test_cells_with_a_third_of_the_string_at_the_hook() -> None:
+    study, met = load_study(STUDIES + "table3"), 0
+    for number, (friction, f_n) in enumerate(CELLS):
+        machine = assembled(study, study.case(number)).with_parameters({"drilling.hook.m": 76.7e3})
+        found = tuned_by(Objective(machine, study.tuning), study.procedures[1])
+        numbers, _, _ = measured(study, machine.with_parameters(found.values))
+        met += abs(numbers["WOB variation"] / 1e3 / on_the_page()[friction, f_n]["published"] - 1) <= 0.25
+    assert met == 5
+    assert "are the published ones, and five cells are reproduced" in " ".join(PAGE.read_text(encoding="utf-8").split())
