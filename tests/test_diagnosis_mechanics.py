@@ -6,10 +6,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 from heavebond.diagnosis.base_model import Base, searched
 from heavebond.diagnosis.catalogue import single_candidates
+from heavebond.diagnosis.diagnosis import diagnose
 from heavebond.diagnosis.refit import Refit, begun, followed
 from heavebond.diagnosis.refit_schedule import planned
 from heavebond.diagnosis.scoring import scored
@@ -195,3 +197,51 @@ def test_every_class_has_its_turn_before_any_has_a_second_one(tmp_path: Path) ->
     jobs, *_ = planned([score for c in found for score in scored(base, c)], {})
     kinds = [c.kind for c, _ in jobs]
     assert set(kinds[:3]) == set(wanted) and kinds.count("dry friction") > 1
+
+
+DISC = """model: disc
+components:
+  motor:   {is: TorqueSource, u: 0 N*m}
+  disc:    {is: Inertia, J: 24 kg*cm**2}
+  bearing: {is: RotationalDamper, d: 0.01 N*m*s/rad}
+  frame:   {is: FixedShaft}
+nodes:
+  shaft: [motor.a, disc.a, bearing.b]
+  frame: [frame.a, bearing.a]
+initial: {shaft.phi: 0 deg, shaft.w: 0 rad/s}
+"""
+TURNED = """experiment: turned
+model: disc.yaml
+records:
+  one: {file: one.csv, use: fit}
+  two: {file: two.csv, use: validate}
+time: {column: t, unit: s}
+inputs: {motor.u: {column: torque, unit: mN*m, interpolation: spline}}
+outputs: {shaft.phi: {column: angle, unit: deg, noise: 0.1 deg}}
+free: {disc.J: 24 kg*cm**2 +- 15 %, bearing.d: 0.001 .. 0.1 N*m*s/rad}
+"""
+
+
+def test_an_effect_that_is_absent_where_its_refit_ends_is_not_named(tmp_path: Path) -> None:
+    """A disc with a weight off its axis that is turned over: the refit with the weight ends in a valley far above the noise,
+    and one with a spring beside it finds the way out, with no spring at all."""
+    (tmp_path / "disc.yaml").write_text(DISC)
+    (tmp_path / "turned.yaml").write_text(TURNED)
+    for name, seed, size in (("one", 1, 0.25), ("two", 2, 0.3)):
+        random, t = np.random.default_rng(seed), np.arange(0, 15, 0.004)
+        f, start = random.uniform(0.1, 4, 12), random.uniform(0, 2 * np.pi, 12)
+
+        def torque(at: Array | float, f: Array = f, start: Array = start, size: float = size) -> Array:
+            return np.asarray(size / np.sqrt(12) * np.sin(2 * np.pi * np.multiply.outer(at, f) + start).sum(axis=-1))
+
+        def rates(at: float, y: Array, torque: Callable[[float], Array] = torque) -> list[float]:
+            return [y[1], (float(torque(at)) - 0.012 * y[1] - 0.08 * np.sin(y[0])) / 2.4e-3]
+
+        run = solve_ivp(rates, (0, 15), [0, 0], t_eval=t, rtol=1e-9, atol=1e-11, max_step=0.004)
+        angle = np.degrees(run.y[0]) + 0.1 * np.random.default_rng(seed + 10).standard_normal(len(t))
+        np.savetxt(tmp_path / f"{name}.csv", np.column_stack([t, 1e3 * torque(t), angle]), delimiter=",",
+                   header="t,torque,angle", comments="", fmt="%.8g")
+    found = diagnose(load_experiment(tmp_path / "turned.yaml"), number=1, classes=("unbalance", "stiffness"))
+    assert [f.kinds for f in found.findings] == [("unbalance",)]
+    assert found.ladder[-1].chi2_held_out < 1.1  # 3750 samples: 1 +- 0.023
+    assert found.findings[0].fit.values["unbalance.M"] == pytest.approx(0.08, rel=1e-3)

@@ -88,7 +88,7 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
     def trial(effects: str, new: str) -> Refit:
         chi2 = table.get(f"{effects}+{new}", chi2_of(effects + new))
         candidate = SimpleNamespace(label=new, component=new, kind=new, where=(), change=SimpleNamespace(moved={}),
-                                    attaches="across", place="", signal="", numbers=())
+                                    attaches="across", place="", signal="", numbers=(), vanishing=())
         return Refit(candidate, experiment(effects + new), {}, chi2 * SAMPLES, chi2, chi2, SAMPLES,
                      SAMPLES, len(effects) + 1, (), 0.0, 0, errors=errors(chi2))
 

@@ -86,6 +86,14 @@ class Refit:
     finer: int = 0
 
     @property
+    def absent(self) -> bool:
+        """Whether the records tell none of its amplitudes from the value at which it makes no effect: the diagram without it
+        would do as well with these values."""
+        own = self.candidate.vanishing
+        return len(own) > 0 and {n.name for n in own} == {n.name for n in self.candidate.numbers if n.amplitude} \
+            and {n.name for n in own} <= set(self.unshown)
+
+    @property
     def bic(self) -> float:
         """n ln(cost/n) + k ln n (G. Schwarz, 1978, doi:10.1214/aos/1176344136), with an unknown scale of the noise."""
         return bic(self.cost, self.samples, self.unknowns)
@@ -387,7 +395,12 @@ class _RefitProblem:
         experiment = self.problem.experiment
         free = {name: replace(f, range=ranges[name]) if name in ranges else f for name, f in experiment.free.items()}
         self.ranges |= {name: (span.low, span.high) for name, span in ranges.items()}
-        self.problem = Residuals(replace(experiment, free=free), runs=self.problem.runs)
+        now, runs = self.problem.runs[0].assembly.parameter_values, self.problem.runs
+        moved = {name: float(np.clip(now[name], span.low, span.high)) for name, span in ranges.items()
+                 if not span.low <= now[name] <= span.high}
+        if moved:  # a first guess outside of the ranges
+            runs = [run.again(run.names, moved, QuickSimulator) for run in runs]
+        self.problem = Residuals(replace(experiment, free=free), runs=runs)
 
     def _out_of_the_way(self, inner: Array) -> Array:
         """With limits that the fitted samples hardly feel (a stop that is not reached, or by one sample) at that end

@@ -9,7 +9,9 @@ either of them alone, and every further effect then mends what it does wrong. So
   and followed in the order of what they leave then: a law that is right but for its instruments leaves little;
 * beside all others that were found, each effect is taken out and sought anew among all candidates: one that is not missed
   stays out, one that another does better than gives its place to it, and what is not told from it is named anew. Where
-  others are taken out, it has the alternatives again that it has without them.
+  others are taken out, it has the alternatives again that it has without them;
+* a further effect that is absent where its refit ends, but leaves less, has led the values out of a wrong valley of the
+  diagram without it: this diagram is refitted from there, and the effect is left out.
 
 This is selection forwards with steps back, after P. Pudil, J. Novovicova and J. Kittler (1994, doi
 10.1016/0167-8655(94)90127-9), by `merit` in place of their criterion.
@@ -25,9 +27,19 @@ from heavebond.core.cancellation import clear_signal
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.like_places import candidates
-from heavebond.diagnosis.refit import Refit
+from heavebond.diagnosis.refit import Refit, refitted_from
 from heavebond.diagnosis.residual_tests import is_noise
-from heavebond.diagnosis.stage import Stage, choosing, following, leaders, merit, refitted_beside, simpler_law, single
+from heavebond.diagnosis.stage import (
+    Stage,
+    choosing,
+    fitted_base,
+    following,
+    leaders,
+    merit,
+    refitted_beside,
+    simpler_law,
+    single,
+)
 from heavebond.diagnosis.verdict import worth_it
 from heavebond.estimation.experiment import Experiment
 
@@ -92,6 +104,8 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
     there given, and `calibrating` one of calibration errors alone. A further step begins only where as much time is `left`
     (s) as the step before took, and one that the time cuts short counts only where it reaches the noise."""
     last = stepping(experiment, ())
+    if last.chosen is not None and last.chosen.absent and not last.partial:  # what is free was fitted into a wrong valley
+        last = stepping(_from_values_of(experiment, last.chosen), ())
     base, ways = last.merit, _extended((), last)
     if calibrating is not None and ways and not (last.partial or ways[0][-1].is_noise or most < 2):
         ways = _beside_calibration(last, ways, calibrating, left)
@@ -116,6 +130,7 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
             break
         longer = [found for _, extended in steps for found in extended
                   if worth_it(found[-1].step) and _merit(found) < min(map(_merit, ways))]
+        longer = [_without_absent(found) for found in longer]
         if not longer:
             ways = sorted(ways, key=_merit)
         if longer:
@@ -132,6 +147,24 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
 def _extended(way: Selection, made: Stage) -> list[Selection]:
     """A ladder with each of the effects that lead a step from it."""
     return [(*way, SelectedEffect(step, step.cluster, _labels(way))) for step in leaders(made, WAYS)]
+
+
+def _from_values_of(experiment: Experiment, trial: Refit) -> Experiment:
+    """The experiment with what is free at the values of a refit of a diagram with an effect more."""
+    values = {name: trial.values[name] for name in experiment.free if name in trial.values}
+    return replace(experiment, model=experiment.model.with_parameters(values))
+
+
+def _without_absent(way: Selection) -> Selection:
+    """The ladder without its last effect where this is absent and the ladder without it does as well from the values found
+    beside it."""
+    chosen = way[-1].chosen
+    if len(way) < 2 or not chosen.absent:
+        return way
+    before = way[-2]
+    found = refitted_from(fitted_base(before.step.experiment), before.candidate, replace(chosen, candidate=before.candidate))
+    shorter = way[:-1] if found is None else _with_last(way[:-1], found)
+    return shorter if _merit(shorter) < _merit(way) + DECISIVE else way
 
 
 def _beside_calibration(made: Stage, ways: Sequence[Selection], calibrating: Calibrating, left: Callable[[], float]
