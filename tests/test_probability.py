@@ -31,6 +31,7 @@ from heavebond.diagnosis.probability import (
     Evidence,
     factor_bound,
     probabilities,
+    resemblance,
     stated,
 )
 from heavebond.diagnosis.refit import Refit
@@ -104,6 +105,15 @@ def test_the_bound_of_the_factor_falls_with_p() -> None:
     """-e p ln p: 1 at p = 1/e and above, 0.41 at 5 %, 0 at 0 (T. Sellke et al., 2001, table 1: 0.409)."""
     assert factor_bound(0.05) == pytest.approx(0.409, abs=2e-3)  # the table, from alpha = 0.289 = B/(1 + B)
     assert factor_bound(1.0) == factor_bound(1 / np.e) == 1.0 and factor_bound(0.0) == 0.0
+
+
+def test_a_law_outside_is_told_beside_a_name_where_it_is_more_probable() -> None:
+    event = Event("dry friction", 0.0, "at a", ("a",), ("CoulombFriction at a",))
+    weights = {t: np.ones(1) for t in TEMPERATURES}
+    likely = probabilities(Evidence((event,), weights, 50.0, 1e-9, 1e-9))
+    assert {e.kind: e.probability for e in likely}[OUTSIDE] > 0.8
+    assert f"({likely[0].row[1]})" in resemblance(likely)[0]
+    assert resemblance(probabilities(Evidence((event,), weights, 1.0, 1e-9, 1e-9))) == []
 
 
 def test_what_is_hardly_probable_is_listed_as_one() -> None:

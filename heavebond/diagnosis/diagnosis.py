@@ -32,7 +32,7 @@ from heavebond.diagnosis.full_runs import at_fit, compared, first_entries, loade
 from heavebond.diagnosis.further_effects import supported
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry
 from heavebond.diagnosis.own_starts import own_start_words, own_starts, started_entry
-from heavebond.diagnosis.probability import Event, Evidence, evidence, probabilities, stated
+from heavebond.diagnosis.probability import Event, Evidence, evidence, probabilities, resemblance, stated
 from heavebond.diagnosis.ranking import as_dicts, entries
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.remainder import Remainder, remainder
@@ -264,9 +264,12 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
             *own_start_words(asked, base, found[-1].fit if found else base), *wrong_starts(said, rungs[-1].comparison),
             *so_far(come.steps, come.untried),
             *search_limits(classes, cut(part, experiment), confirming.shorter))
-    return Diagnosis(asked, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
-                     _noise(ladder[0].comparison), budget.spent, apart, part, adequate, come.untried, rest,
-                     evidence(come.steps, come.fixed, sheet_p_value(base)), bool(classes))
+    answer = Diagnosis(asked, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
+                       _noise(ladder[0].comparison), budget.spent, apart, part, adequate, come.untried, rest,
+                       evidence(come.steps, come.fixed, sheet_p_value(base)), bool(classes))
+    if said in ("effect", "one_of", "mainly"):
+        answer = replace(answer, words=(*told[:1], *resemblance(answer.events), *told[1:]))
+    return answer
 
 
 def _first_entries(experiment: Experiment, budget: Budget, say: Progress

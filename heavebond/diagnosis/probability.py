@@ -259,5 +259,14 @@ def stated(events: Sequence[Event], named: Sequence[str]) -> tuple[Event, ...]:
     return tuple(sorted(found, key=lambda event: -event.probability))
 
 
+def resemblance(events: Sequence[Event]) -> list[str]:
+    """What is said beside a name where a law outside the catalogue is more probable than everything else."""
+    outside = next((e for e in events if e.kind == OUTSIDE), None)
+    if outside is None or outside.probability <= 0.5:
+        return []
+    return [f"By the calibration, a law that the catalogue does not have, and that what is named only resembles, is more "
+            f"probable ({outside.row[1]})."]
+
+
 def _share(odds: Share) -> Share:
     return odds / (1 + odds)
