@@ -117,6 +117,36 @@ def test_the_table_has_the_recorded_results() -> None:
     assert sorted(deviations) == pytest.approx([low, high], abs=0.06)
 
 
+def test_two_fits_of_the_friction() -> None:
+    """Passive: the refit that was compared with the other candidates, and the one that was reported."""
+    row = RESULTS["friction passive"]
+    tried, = (one for one in row["trials"] if one["truth"])
+    (_, fit_chi2, held) = row["ladder"][-1]
+    percent, better, worse = stated(r"same law that differ by ([0-9.]+) % of chi-square give ([0-9.]+) and ([0-9.]+) on the")
+    assert [100 * (tried["fit"] / fit_chi2 - 1), held, tried["held"]] == pytest.approx([percent, better, worse], abs=0.006)
+
+
+def test_damping_of_the_gas_takes_the_viscous_part() -> None:
+    estimate, true, bound = stated(r"near its bound \(([0-9.]+) kN·s/m, for ([0-9.]+) of the machine and at most "
+                                   r"([0-9.]+)\)")
+    row = RESULTS["friction"]
+    free = next(f for f in CASES["friction"].rig.base.free.values() if f.name == "cmc.gas.d")
+    found = [row["fitted"][free.name], row["values"][free.name], free.range.high]
+    assert [value / 1e3 for value in found] == pytest.approx([estimate, true, bound], abs=0.06)
+
+
+def test_estimates_from_records_of_an_independent_program() -> None:
+    """Sizes of the effects in the second table, in its units."""
+    scale = {"valve.overlap": 1.0, "cylinder.leakage": 1e-11, "friction.F_c": 1e3, "friction.F_s": 1e3, "damper.d": 1e3}
+    for case, row in keeping.read("independent").items():
+        line, = (line for line in TEXT.splitlines() if line.startswith(f"| {case} |") and " to " in line)
+        told = [float(word) for word in re.findall(r"[0-9]+[.]?[0-9]*", line.split("|")[2])]
+        for parameter in row["parameters"]:
+            unit = next((size for name, size in scale.items() if parameter["name"].endswith(name)), None)
+            if unit is not None and parameter["value"] > 1e-3 * unit:
+                assert any(one == pytest.approx(parameter["value"] / unit, rel=5e-3) for one in told), (case, parameter)
+
+
 @pytest.mark.long
 def test_what_friction_leaves(tmp_path: Path) -> None:
     """Reduced chi-square of each output, with the parameters fitted to the record of the friction under control."""
