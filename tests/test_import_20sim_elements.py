@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from test_import_20sim import at, one_part, run_part
-from test_import_20sim_models import block, imported, part
+from test_import_20sim_models import block, imported, one, part
 
+import heavebond as hb
 from heavebond.import_20sim.importer import import_emx
+from heavebond.language.library import library
 
 
 def test_functions_act_on_each_element_of_a_vector(tmp_path: Path) -> None:
@@ -101,3 +103,19 @@ def test_a_state_of_a_combustion_is_compared_where_it_is_held(tmp_path: Path) ->
     run = run_part(tmp_path, one_part(body, "state y"))
     assert at(run, "state", 0.3, 0.8, 1.5) == [0, 1, 2]
     assert at(run, "y", 0.3, 0.8, 1.5) == [3, 3, 7]
+
+
+def test_a_free_port_has_no_effort_where_it_takes_one(tmp_path: Path) -> None:
+    """A file of a library that is one mass: its port is free of force, so the mass keeps its speed."""
+    mass = part("Mass", "power in p; signal out v", "parameters\n real m = 2;\nvariables\n real s;\nequations\n"
+                " s = int (p.e + 0 * s^2, 6);\n p.f = s / m;\n v = p.f;")
+    block_of_it = block("Cart", "power in p; power out q", mass + part("Rub", "power in p", "equations\n p.e = 3 * p.f^3;")
+                        + one("Both"), "p => Both\\p; Both\\p => Mass\\p; q => Rub\\p")
+    (tmp_path / "m.emx").write_text(
+        f"<Document><Model version='4.6'><Sidops><![CDATA[{block_of_it}]]></Sidops></Model></Document>")
+    made = import_emx(tmp_path / "m.emx", frozenset(library().names()))
+    assert made.untranslated == []
+    made.write(tmp_path / "out")
+    run = hb.simulate(hb.load(str(tmp_path / "out" / "m.yaml")))
+    assert run.time[-1] == 10 and run["Cart.Mass.a.f"] == pytest.approx(np.full(run.time.size, 3.0))
+    assert run["Cart.Rub.p.f"] == pytest.approx(np.zeros(run.time.size), abs=1e-9)

@@ -481,8 +481,15 @@ def test_constants_of_the_experiment_replace_those_of_the_text(tmp_path: Path) -
     assert at(run_part(tmp_path, text), "y", 0, 2) == pytest.approx([317, 327])
 
 
-def test_a_run_that_does_not_start_at_zero_keeps_its_duration_and_is_listed(tmp_path: Path) -> None:
-    """What is counted from `starttime` comes at its instant."""
-    text = one_part("equations\n y = int (if time >= starttime + 0.5 then 1 else 0 end);", "y", 3)
-    run = run_part(tmp_path, text.replace("<FinishTime>", "<StartTime>1</StartTime><FinishTime>"), untranslated=1)
+def test_a_run_that_does_not_start_at_zero(tmp_path: Path) -> None:
+    """A run from 1 s to 3 s: instants come at their time, and functions of the time have its values."""
+    body = ("parameters\n real T = 2.5;\nequations\n y = int (if time >= starttime + 0.5 then 1 else 0 end);\n a = time^2;\n"
+            " b = step (2) + 10 * ramp (T);\n c = if time == 1 then 0 else 1 / (time - 1) end;\n"
+            " n = resint (0, n + 1, timeevent (1.5) or timeevent (0.5), 0);")
+    text = one_part(body, "y a b c n", 3)
+    run = run_part(tmp_path, text.replace("<FinishTime>", "<StartTime>1</StartTime><FinishTime>"))
     assert run.time[-1] == pytest.approx(2) and at(run, "y", 2) == pytest.approx([1.5])
+    assert at(run, "a", 0, 1) == pytest.approx([1, 4])
+    assert at(run, "b", 0.9, 1.1, 2) == pytest.approx([0, 1, 6])
+    assert at(run, "c", 0.5, 1) == pytest.approx([2, 1])
+    assert at(run, "n", 0.3, 0.8) == pytest.approx([0, 1])

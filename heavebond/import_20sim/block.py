@@ -49,6 +49,13 @@ class Block:
     untranslated: list[tuple[int, str]] = field(default_factory=list)
     line: int = 0
 
+    def is_bond(self, end: str) -> bool:
+        """Whether an end of a node, `part.port` or an own port, is that of a bond."""
+        name, _, port = end.partition(".")
+        part = next((p for p in self.parts.values() if p.name == name), None)
+        items = part.what.items if part and port else self.items
+        return (port or name) in items and items[port or name].kind == "bond"
+
 
 def title(submodel: Submodel, library: frozenset[str] = frozenset()) -> str:
     """The name of the component for a submodel: its type, or its own name where the type says nothing or is taken."""

@@ -13,6 +13,7 @@ from heavebond.import_20sim.block import Block, Part, Translator
 from heavebond.import_20sim.component import Component, Item, without_unit
 from heavebond.import_20sim.emx_file import EmxFile, read_emx
 from heavebond.import_20sim.evaluate import MEMBERS, fold
+from heavebond.import_20sim.free_ends import with_free_effort
 from heavebond.import_20sim.match import Match
 from heavebond.import_20sim.memory import SAMPLE_TIME
 from heavebond.import_20sim.names import identifier, labels, snake
@@ -20,7 +21,8 @@ from heavebond.import_20sim.recognition import recognised
 from heavebond.import_20sim.sampling import sampling
 from heavebond.import_20sim.sidops_lexer import tokenise
 from heavebond.import_20sim.sidops_parser import parse_sidops
-from heavebond.import_20sim.sidops_tree import Submodel
+from heavebond.import_20sim.sidops_tree import Expr, Submodel
+from heavebond.import_20sim.start_time import shift_time
 from heavebond.import_20sim.write import (
     block_text,
     component_text,
@@ -33,6 +35,7 @@ from heavebond.import_20sim.write import (
 )
 
 ASSUMED_SAMPLE_TIME = 0.1  # s
+USUAL_DURATION = 10.0  # s, of a run of 20-sim whose file states none
 EFFORTS, FLOWS = ({pair[side] for pair in MEMBERS.values()} for side in (0, 1))
 READ = 2000  # characters of a component file that hold its summary
 
@@ -79,6 +82,8 @@ def import_emx(path: Path, library: frozenset[str] = frozenset()) -> Imported:
         root.name = path.stem
         emx.within(identifier(path.stem))
         root = Submodel("model", root.line, submodels=[root])
+    if emx.start:
+        shift_time(root, emx.start)
     comments = tokenise(emx.sidops, path.name, emx.first_line).comments
     translator = Translator(emx, comments, library, sampling(root, emx.sample_times))
     translator.enter_texts(root)
@@ -118,10 +123,7 @@ class _Writer:
                 self.result.untranslated += [Untranslated(path, line, why) for line, why in made.omitted]
         self.result.untranslated += [Untranslated(path or self.emx.path.stem, line, why)
                                      for path, line, why in self.translator.notes]
-        if self.emx.start:
-            why = (f"the run begins at {self.emx.start:g} s in 20-sim and at 0 s here, with the same duration: what depends "
-                   f"on `time` comes {self.emx.start:g} s later")
-            self.result.untranslated.append(Untranslated(self.emx.path.stem, 1, why))
+        self._free_ends()
         self.result.files[f"{self.result.name}.yaml"] = ""
         if self.library:
             for path, block in self.translator.blocks:
@@ -129,6 +131,19 @@ class _Writer:
         self._place(self.top)
         self.result.files[f"{self.result.name}.yaml"] = self._diagram()
         return self.result
+
+    def _free_ends(self) -> None:
+        """Sources of an effort of 0 at power ports on no connection that take an effort."""
+        for block, node in with_free_effort(self.translator.components, self.translator.blocks):
+            name, end = f"{node}_free", block.nodes[node][0]
+            beside = next((p for p in block.parts.values() if p.name == end.partition(".")[0]), None)
+            items = [Item("p", "bond", "", out=True), Item("E", "parameter", "W", "", 0.0)]
+            source = Component("FreeEnd", "", items={item.name: item for item in items})
+            source.equations = [(Expr("name", name="p.e"), Expr("name", name="E"), "")]
+            block.parts[name] = Part(name, source, beside.x if beside else 0.0, (beside.y if beside else 0.0) - 80)
+            block.nodes[node].append(f"{name}.p")
+            path = next(p for p, b in self.translator.blocks if b is block)
+            self.translator.components.append((f"{path}.{name}" if path else name, source))
 
     def _shared(self) -> None:
         """Global parameters become parameters of the diagram; global variables, inputs of what reads them."""
@@ -239,7 +254,7 @@ class _Writer:
                 continue
             found[part.name] = part, match
         for ends in block.nodes.values():  # a domain must be known at each node
-            bonds = [end for end in ends if self._is_bond(block, end)]
+            bonds = [end for end in ends if block.is_bond(end)]
             if bonds and all(end.partition(".")[0] in found and found[end.partition(".")[0]][1].any_domain for end in bonds):
                 del found[bonds[0].partition(".")[0]]
         for part, match in found.values():
@@ -255,13 +270,6 @@ class _Writer:
             back |= {f"{own}.{n}": f"{own}.{p}" for n, p in match.ports.items()}  # inputs from global quantities
             self.set = [(back.get(name, name), value) for name, value in self.set
                         if name in back or not name.startswith(f"{own}.")]
-
-    @staticmethod
-    def _is_bond(block: Block, end: str) -> bool:
-        name, _, port = end.partition(".")
-        part = next((p for p in block.parts.values() if p.name == name), None)
-        items = part.what.items if part and port else block.items
-        return (port or name) in items and items[port or name].kind == "bond"
 
     def _given(self, block: Block) -> dict[int, list[tuple[str, str]]]:
         path = next((p for p, b in self.translator.blocks if b is block), "")
@@ -345,8 +353,9 @@ class _Writer:
         if initial:
             lines += ["initial:", *(f"  {path}: {value}" for path, value in initial)]
         lines += self._show()
-        if self.emx.finish is not None and self.emx.finish > self.emx.start:
-            times = [("until", self.emx.finish - self.emx.start), *([("every", self.emx.every)] if self.emx.every else [])]
+        until = USUAL_DURATION if self.emx.finish is None else self.emx.finish - self.emx.start
+        if until > 0:
+            times = [("until", until), *([("every", self.emx.every)] if self.emx.every else [])]
             lines.append(f"simulate: {mapping((name, quantity(value, 's')) for name, value in times)}")
         return "\n".join(lines) + "\n"
 
