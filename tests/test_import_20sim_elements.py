@@ -119,3 +119,20 @@ def test_a_free_port_has_no_effort_where_it_takes_one(tmp_path: Path) -> None:
     run = hb.simulate(hb.load(str(tmp_path / "out" / "m.yaml")))
     assert run.time[-1] == 10 and run["Cart.Mass.a.f"] == pytest.approx(np.full(run.time.size, 3.0))
     assert run["Cart.Rub.p.f"] == pytest.approx(np.zeros(run.time.size), abs=1e-9)
+
+
+def test_a_linear_system_is_that_of_the_library(tmp_path: Path) -> None:
+    """A mass on a spring with two inputs, as the editor of linear systems writes it."""
+    body = ("parameters\n real hidden A [2, 2] = [0, 1; -4, 0];\n real hidden B [2, 2] = [0, 0; 4, 1];\n"
+            " real hidden C [1, 2] = [1, 0];\n real hidden D [1, 2] = [0, 0.5];\n real hidden x0 [2] = [1; 0];\n"
+            "variables\n real x [2];\nequations\n ddt (x, x0) = A * x + B * u;\n y = C * x + D * u;")
+    parts = part("Drive", "signal out y [2]", "equations\n y = [time; 0];") + \
+        part("Plant", "signal in u [2]; signal out y", body) + \
+        part("Use", "signal in u; signal out y", "equations\n y = u^2;")
+    plots = ("<PlotSpecs><Plots><Plot><Curves><Curve><YCurveData><VarName>Plant\\y</VarName></YCurveData></Curve></Curves>"
+             "</Plot></Plots></PlotSpecs>")
+    run = imported(tmp_path, parts, "Drive\\y -> Plant\\u; Plant\\y -> Use\\u", 2.0, plots)
+    text = (tmp_path / "out" / "m.yaml").read_text()
+    assert "is: LinearSystem, A: [[0 1/s, 1 1/s], [-4 1/s, 0 1/s]], B:" in text and "D: [[0, 0.5]]" in text
+    expected = run.time + np.cos(2 * run.time) - np.sin(2 * run.time) / 2
+    assert run["Plant_y"] == pytest.approx(expected, abs=1e-6)

@@ -293,6 +293,9 @@ class _Writer:
                 and item.value != usual[item.name].value and f"{own}.{item.name}" not in shared]
         if match.lists:
             return self._tables(made, match.lists)
+        if match.matrices:
+            return [(name, f"[{', '.join(numbers(row, match.units[name]) for row in rows)}]")
+                    for name, rows in match.matrices.items()]
         own = f"{path}.{part.name}" if path else part.name
         shared = {name for name, _ in self.set}
         values = {**match.numbers, **{p: made.items[n].value or 0.0 for p, n in match.parameters.items()}}
@@ -382,13 +385,13 @@ class _Writer:
                 unit = item.unit if item.kind in ("variable", "held", "parameter") else ""
                 if label in self.top.nodes and shown not in self.top.nodes[label]:  # what its signal was at the last sample
                     label = f"{label}_sampled"
-                names[label] = mapping([("is", shown), ("unit", unit or "1")])
+                names[label] = mapping([("is", scalar(shown)), ("unit", unit or "1")])
             port, _, member = plotted.rpartition(".")
             port = ".".join(identifier(word) for word in port.split("\\"))
             if port in bonds and label not in names and member in (*EFFORTS, *FLOWS):  # of a port: p.e, p.f, p.u ...
                 quantity_of = f"{renamed.get(port, port)}.{'e' if member in EFFORTS else 'f'}"
                 sign = "-" if member in FLOWS and bonds[port].out else ""
-                names[label] = mapping([("is", f"{sign}{quantity_of}"), ("unit", "W" if member in EFFORTS else "1")])
+                names[label] = mapping([("is", scalar(f"{sign}{quantity_of}")), ("unit", "W" if member in EFFORTS else "1")])
         return ["show:", *(f"  {label}: {entry}" for label, entry in names.items())] if names else []
 
     def problems(self) -> list[Problem]:

@@ -17,4 +17,5 @@ class Match:
     units: dict[str, str]
     initial: dict[str, float] = field(default_factory=dict)
     lists: dict[str, str] = field(default_factory=dict)  # of a table: the names of its inputs `x` and values `v`
+    matrices: dict[str, list[list[float]]] = field(default_factory=dict)  # parameters that are matrices, by rows
     any_domain: bool = False  # its ports take the domain of what they are joined to

@@ -25,6 +25,7 @@ from heavebond.core.errors import HeavebondError
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.choices import names, renamed
 from heavebond.import_20sim.component import Component
+from heavebond.import_20sim.linear_recognition import linear_match
 from heavebond.import_20sim.match import Match
 from heavebond.import_20sim.memory import DELAYED
 from heavebond.import_20sim.table_recognition import table_match
@@ -252,7 +253,8 @@ def _unit(text: str) -> str:
 # -- the comparison --------------------------------------------------------------------------------------------------------
 def recognised(made: Component, joined: set[str]) -> Match | None:
     """The component of the library with the law of an imported one, whose ports `joined` are connected."""
-    if (whole := table_match(made) or _delay(made) or _junction(made, joined)) is not None:
+    if (whole := table_match(made) or linear_match(made, joined) or _delay(made) or
+            _junction(made, joined)) is not None:
         return whole
     law = _imported(made, joined)
     if law is None or made.tables or any(not isinstance(e, syntax.Name) for e in law.differentiated):

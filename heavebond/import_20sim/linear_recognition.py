@@ -1,0 +1,56 @@
+"""Imported submodels that are linear systems, `ddt (x) = A * x + B * u; y = C * x + D * u`, as the editor writes them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+
+import numpy as np
+
+from heavebond.import_20sim.component import Component
+from heavebond.import_20sim.evaluate import fold
+from heavebond.import_20sim.match import Match
+
+MATRIX = re.compile(r"[ABCD](_[0-9]+){0,2}")
+SAME = 1e-9  # of the largest value: what the coefficients must reproduce at another point
+
+
+def linear_match(made: Component, joined: Collection[str]) -> Match | None:
+    """The `LinearSystem` of the library for a component whose parameters are matrices A, B, C, D and whose rates and outputs
+    are linear in its states and inputs, with its matrices. All inputs must be connected."""
+    values = {item.name: item.value for item in made.of_kind("parameter")}
+    inputs, outputs = [i.name for i in made.of_kind("in")], [i.name for i in made.of_kind("out")]
+    states = [i.name for i in made.of_kind("variable")]
+    rates = {left.args[0].name: right for left, right, _ in made.equations if left.op == "call" and left.name == "der"}
+    others = {left.name: right for left, right, _ in made.equations if left.op == "name"}
+    if made.events or made.untranslated or made.shared or made.gives or made.tables or made.of_kind("bond", "held"):
+        return None
+    if not all(map(MATRIX.fullmatch, values)) or None in values.values() or not (states and inputs and outputs):
+        return None
+    if set(rates) != set(states) or set(others) != set(outputs) or not set(inputs) <= set(joined):
+        return None
+    rows, columns = [*(rates[x] for x in states), *(others[y] for y in outputs)], [*states, *inputs]
+    known = {name: value for name, value in values.items() if value is not None}
+
+    def at(point: np.ndarray) -> np.ndarray | None:
+        found = [fold(e, {**known, **dict(zip(columns, map(float, point), strict=True))}) for e in rows]
+        return None if None in found else np.array(found, dtype=float)
+
+    offset, units = at(np.zeros(len(columns))), [at(p) for p in np.eye(len(columns))]
+    other = np.random.default_rng(0).uniform(-1, 1, len(columns))
+    there = at(other)
+    if offset is None or offset.any() or there is None or any(c is None for c in units):
+        return None
+    whole = np.array(units).T
+    if not np.allclose(whole @ other, there, rtol=SAME, atol=SAME * np.abs(whole).max(initial=0.0)):
+        return None
+    first = {name: fold(value, known) for name, value in made.initial.items()}
+    if None in first.values():
+        return None
+    n = len(states)
+    parts = {"A": whole[:n, :n], "B": whole[:n, n:], "C": whole[n:, :n], "D": whole[n:, n:]}
+    matrices = {name: m.tolist() for name, m in parts.items() if name != "D" or m.any()}
+    ports = {name: f"{kind}[{k + 1}]" for kind, own in (("u", inputs), ("y", outputs)) for k, name in enumerate(own)}
+    begins = {f"x[{k + 1}]": first.get(x) or 0.0 for k, x in enumerate(states)}
+    return Match("LinearSystem", ports, {}, {}, {"A": "1/s", "B": "1/s", "C": "", "D": "", **dict.fromkeys(begins, "")},
+                 begins, matrices=matrices)
