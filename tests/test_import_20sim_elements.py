@@ -136,3 +136,11 @@ def test_a_linear_system_is_that_of_the_library(tmp_path: Path) -> None:
     assert "is: LinearSystem, A: [[0 1/s, 1 1/s], [-4 1/s, 0 1/s]], B:" in text and "D: [[0, 0.5]]" in text
     expected = run.time + np.cos(2 * run.time) - np.sin(2 * run.time) / 2
     assert run["Plant_y"] == pytest.approx(expected, abs=1e-6)
+
+
+def test_two_names_for_one_value_of_a_branch(tmp_path: Path) -> None:
+    """`r` and `v[2]` are the same: one of them stands for the other, and not each for the other."""
+    body = ("variables\n real r, v[3];\ncode\n if time < 1 then r = (time + 2) / 3; v[2] = r; v[3] = v[2] * r; y = v[3];\n"
+            " else y = 0; end;")
+    run = run_part(tmp_path, one_part(body, "y"))
+    assert at(run, "y", 0.4, 1.5) == pytest.approx([0.64, 0])

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 
 from heavebond.import_20sim import formula_text as f
-from heavebond.import_20sim.choices import decided, former, keeps, rebuilt, simplified, triggers
+from heavebond.import_20sim.choices import decided, former, keeps, names, rebuilt, simplified, triggers
 from heavebond.import_20sim.sidops_tree import Expr
 
 Guards = tuple[tuple[Expr, bool], ...]
@@ -42,9 +42,21 @@ def without_memory(values: Mapping[str, Expr], candidates: Collection[str], cons
         for guards, leaf in leaves:
             for other, value in found.items():
                 # what is kept is evaluated when its branch has ended, where a value by branches is 0
-                if other != name and leaf.size >= SHORT and not keeps(leaf, other) and (not guards or not former(value)):
+                if other != name and leaf.size >= SHORT and not keeps(leaf, other) and \
+                        (not guards or not former(value)) and not _depends(found, name, other):
                     found[other] = _by_name(value, leaf, f.name(name), guards, ())
     return found
+
+
+def _depends(values: Mapping[str, Expr], name: str, other: str) -> bool:
+    """Whether the value of a variable follows from another one, which then cannot follow from it."""
+    seen, front = set[str](), [name]
+    while front:
+        own = front.pop()
+        if own not in seen and own in values:
+            seen.add(own)
+            front += names(values[own])
+    return other in seen
 
 
 def _reads(expr: Expr, name: str, guards: Guards) -> Iterator[Guards]:
