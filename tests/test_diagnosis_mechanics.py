@@ -210,7 +210,7 @@ nodes:
   frame: [frame.a, bearing.a]
 initial: {shaft.phi: 0 deg, shaft.w: 0 rad/s}
 """
-TURNED = """experiment: turned
+DISC_TURNED = """experiment: turned
 model: disc.yaml
 records:
   one: {file: one.csv, use: fit}
@@ -226,7 +226,7 @@ def test_an_effect_that_is_absent_where_its_refit_ends_is_not_named(tmp_path: Pa
     """A disc with a weight off its axis that is turned over: the refit with the weight ends in a valley far above the noise,
     and one with a spring beside it finds the way out, with no spring at all."""
     (tmp_path / "disc.yaml").write_text(DISC)
-    (tmp_path / "turned.yaml").write_text(TURNED)
+    (tmp_path / "turned.yaml").write_text(DISC_TURNED)
     for name, seed, size in (("one", 1, 0.25), ("two", 2, 0.3)):
         random, t = np.random.default_rng(seed), np.arange(0, 15, 0.004)
         f, start = random.uniform(0.1, 4, 12), random.uniform(0, 2 * np.pi, 12)
