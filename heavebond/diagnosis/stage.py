@@ -425,8 +425,12 @@ def fallen(before: float, after: float, samples: int) -> float:
 def following(before: Stage) -> Experiment:
     """The experiment with the chosen effect in its diagram, everything at its fitted values and free as it was sought."""
     assert before.chosen is not None
-    trial = before.chosen
-    values = {n: v for n, v in trial.values.items() if n in trial.experiment.free}
-    return replace(trial.experiment, model=trial.experiment.model.with_parameters(values))
+    return at_values_of(before.chosen, before.chosen.experiment)
+
+
+def at_values_of(trial: Refit, experiment: Experiment) -> Experiment:
+    """The experiment with what is free in it at the values of a refit, of this diagram or of one with an effect more."""
+    values = {n: v for n, v in trial.values.items() if n in experiment.free}
+    return replace(experiment, model=experiment.model.with_parameters(values))
 
 

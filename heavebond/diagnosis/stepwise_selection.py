@@ -31,6 +31,7 @@ from heavebond.diagnosis.refit import Refit, refitted_from
 from heavebond.diagnosis.residual_tests import is_noise
 from heavebond.diagnosis.stage import (
     Stage,
+    at_values_of,
     choosing,
     fitted_base,
     following,
@@ -105,7 +106,7 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
     (s) as the step before took, and one that the time cuts short counts only where it reaches the noise."""
     last = stepping(experiment, ())
     if last.chosen is not None and last.chosen.absent and not last.partial:  # what is free was fitted into a wrong valley
-        last = stepping(_from_values_of(experiment, last.chosen), ())
+        last = stepping(at_values_of(last.chosen, experiment), ())
     base, ways = last.merit, _extended((), last)
     if calibrating is not None and ways and not (last.partial or ways[0][-1].is_noise or most < 2):
         ways = _beside_calibration(last, ways, calibrating, left)
@@ -147,12 +148,6 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
 def _extended(way: Selection, made: Stage) -> list[Selection]:
     """A ladder with each of the effects that lead a step from it."""
     return [(*way, SelectedEffect(step, step.cluster, _labels(way))) for step in leaders(made, WAYS)]
-
-
-def _from_values_of(experiment: Experiment, trial: Refit) -> Experiment:
-    """The experiment with what is free at the values of a refit of a diagram with an effect more."""
-    values = {name: trial.values[name] for name in experiment.free if name in trial.values}
-    return replace(experiment, model=experiment.model.with_parameters(values))
 
 
 def _without_absent(way: Selection) -> Selection:
