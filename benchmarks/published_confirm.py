@@ -19,7 +19,7 @@ import numpy as np
 
 import heavebond as hb
 from benchmarks.published_search import RESULTS, kept_results
-from benchmarks.published_structures import CELLS, FINE, OURS, PUBLISHED, STRUCTURES, Array, Structure, numbers
+from benchmarks.published_structures import CELLS, FINE, OURS, PUBLISHED, STRUCTURES, Array, Structure, arrays, numbers
 from heavebond.linear.linearisation import ModesAtStart
 
 FAST = 100.0  # a first-order valve as the slow pole of a spool that is so many times faster
@@ -96,7 +96,7 @@ def main() -> None:
             print(f"{structure.name}: the full model cannot be set to this structure")
             continue
         values = {**OURS, **changed} if changed else results[box][structure.name]["values"]
-        linear = numbers(structure, {name: np.array([[value]]) for name, value in {**OURS, **values}.items()}, FINE)[0]
+        linear = numbers(structure, arrays(values), FINE)[0]
         found = confirmed(structure, values)
         print(f"{structure.name}, {box}: {(abs(found[:10] / PUBLISHED[:10] - 1) <= 0.25).sum()} cells within 25 %")
         for label, text in (("linear", linear), ("full", found), ("published", PUBLISHED)):

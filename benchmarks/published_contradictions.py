@@ -35,6 +35,7 @@ from benchmarks.published_structures import (
     Array,
     Structure,
     Values,
+    arrays,
     cells,
     eigenfrequency,
     limit_of_gain,
@@ -114,11 +115,6 @@ def nearest(structure: Structure, columns: Sequence[int], wide: bool, population
     factor, values = least(structure, wide, lambda v: factors(some_numbers(structure, v, columns), columns), population,
                            generations)
     return {"factor": factor, "values": values, "numbers": some_numbers(structure, arrays(values), columns)[0].tolist()}
-
-
-def arrays(values: Mapping[str, float]) -> dict[str, Array]:
-    """One set of values, as the functions of the structures take it."""
-    return {name: np.array([[value]]) for name, value in {**OURS, **values}.items()}
 
 
 # -- the largest stable gain -------------------------------------------------------------------------------------------

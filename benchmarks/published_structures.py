@@ -154,6 +154,11 @@ STRUCTURES = (
 )
 
 
+def arrays(values: Mapping[str, float]) -> dict[str, Array]:
+    """One set of values, as the functions of the structures take it."""
+    return {name: np.array([[value]]) for name, value in {**OURS, **values}.items()}
+
+
 # -- transfer functions ------------------------------------------------------------------------------------------------
 def valve(structure: Structure, v: Values, s: Complex, f_n: float) -> Complex:
     """Spool over command."""

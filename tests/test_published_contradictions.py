@@ -12,7 +12,7 @@ import pytest
 import heavebond as hb
 from benchmarks import published_contradictions as contradictions
 from benchmarks.published_confirm import parameters, spool_frequency
-from benchmarks.published_structures import BASE, FINE, OURS, STRUCTURES, Structure, numbers
+from benchmarks.published_structures import BASE, FINE, OURS, STRUCTURES, Structure, arrays, numbers
 from heavebond.linear.linearisation import ModesAtStart
 
 PAGE = (Path(__file__).parents[1] / "docs" / "published_structures.md").read_text(encoding="utf-8")
@@ -39,14 +39,14 @@ def test_the_page_has_the_recorded_sets() -> None:
 def test_recorded_sets_follow_from_their_values(name: str) -> None:
     columns = contradictions.SETS[name]
     for structure, kept in RESULTS[name].items():
-        values = contradictions.arrays(kept["values"])
+        values = arrays(kept["values"])
         found = contradictions.some_numbers(BY_NAME[structure], values, columns)
         assert found[0] == pytest.approx(kept["numbers"], rel=1e-6)
         assert contradictions.factors(found, columns)[0] == pytest.approx(kept["factor"], rel=1e-6)
 
 
 def test_some_numbers_are_those_of_all() -> None:
-    values = contradictions.arrays({"zeta": 1.0, "hook": 60e3})
+    values = arrays({"zeta": 1.0, "hook": 60e3})
     for structure in (BASE, BY_NAME["cascade, K_p in 1/s"]):
         every = numbers(structure, values, FINE)[0]
         for columns in ((11,), (2, 7, 10, 11), (0, 12, 13, 14), tuple(range(15))):
@@ -56,7 +56,7 @@ def test_some_numbers_are_those_of_all() -> None:
 
 def test_gains_of_the_page_with_the_values_of_the_model() -> None:
     for structure in contradictions.distinct(friction="odd", resolution=0.0, stable=True):
-        found = contradictions.stable_gain(structure, contradictions.arrays({})).item()
+        found = contradictions.stable_gain(structure, arrays({})).item()
         stated = stated_gains()[structure.name][0]
         assert found == pytest.approx(stated, abs=0.006) if found < 1e3 else stated == np.inf
 

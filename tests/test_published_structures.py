@@ -22,7 +22,7 @@ BY_NAME = {structure.name: structure for structure in STRUCTURES}
 
 
 def values(**changed: float) -> dict[str, np.ndarray]:
-    return {name: np.array([[value]]) for name, value in {**OURS, **changed}.items()}
+    return structures.arrays(changed)
 
 
 @pytest.mark.parametrize("zeta", [0.5, 0.87, 1.2])
