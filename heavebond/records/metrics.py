@@ -59,9 +59,15 @@ def autocorrelation(e: Array, lags: int) -> Array:
     """
     if not np.ptp(e):  # of equal numbers the mean is not quite the number
         return np.full(lags + 1, np.nan)
-    spectrum = np.fft.rfft(e - np.mean(e), len(e) + lags + 1)
-    found = np.fft.irfft(np.abs(spectrum)**2, len(e) + lags + 1)[:lags + 1]
+    found = _autocovariance(e, lags, len(e) + lags + 1)
     return np.asarray(found / found[0])
+
+
+def _autocovariance(e: Array, lags: int, padded: int) -> Array:
+    """sum_i e_i e_(i+k) about the mean of e (..., n), k = 0 .. lags: (..., lags + 1), by transforms of `padded` >= n + lags
+    points."""
+    spectrum = np.fft.rfft(e - e.mean(axis=-1, keepdims=True), padded)
+    return np.asarray(np.fft.irfft(np.abs(spectrum)**2, padded)[..., :lags + 1])
 
 
 def whiteness(e: Array, lags: int | None = None) -> float:
@@ -105,9 +111,7 @@ def _drawn(n: int, lags: int, batch: int) -> Array:
     from scipy.fft import next_fast_len
 
     e = np.random.default_rng([n, batch]).standard_normal((AT_ONCE, n))
-    padded = next_fast_len(n + lags, real=True)
-    spectrum = np.fft.rfft(e - e.mean(axis=1, keepdims=True), padded)
-    covariance = np.fft.irfft(np.abs(spectrum) ** 2, padded)[:, :lags + 1]
+    covariance = _autocovariance(e, lags, next_fast_len(n + lags, real=True))
     return portmanteau(covariance[:, 1:] / covariance[:, :1], n)
 
 
