@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Iterator
 
 import pytest
+
+import heavebond.cli
 
 os.environ.pop("COLUMNS", None)  # workers of the test run are told a terminal's width, which would fold all tables
 
@@ -23,3 +26,19 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The pages of the documentation first: a page of two minutes that begins last would leave the other processors idle."""
     items.sort(key=lambda item: "::test_every_block_of_a_page_is_so" not in item.nodeid)
+
+
+@pytest.fixture(autouse=True)
+def faults_of_the_program(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A command that ends with a fault of the program fails its test, whatever the test looks at; where the fault is what
+    is tested, `@pytest.mark.own_fault`."""
+    report, met = heavebond.cli.own_fault, []
+
+    def noted(error: Exception, given: list[str]) -> object:
+        met.append(error)
+        return report(error, given)
+
+    monkeypatch.setattr(heavebond.cli, "own_fault", noted)
+    yield
+    if met and request.node.get_closest_marker("own_fault") is None:
+        raise AssertionError(f"a command ended with a fault of the program: {met[0]!r}") from met[0]

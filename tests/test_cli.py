@@ -246,6 +246,7 @@ def test_a_failed_integration_ends_with_1(monkeypatch: pytest.MonkeyPatch) -> No
     assert answer.stderr.startswith("the integration stopped at t = 0.2 s [simulation]")
 
 
+@pytest.mark.own_fault
 def test_a_fault_of_the_program_is_in_the_json_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("heavebond.numerics.simulation.simulate", lambda *_, **__: 1 / 0)
     answer = call("run", "slider.yaml", "--json", "out.json")

@@ -21,7 +21,7 @@ from heavebond.linear.linear_system import LINEAR_SYSTEM, spread
 from heavebond.linear.linearisation import Linearisation
 from heavebond.linear.modal_energy import energy_shares
 from heavebond.linear.operating_point import OperatingPoints
-from heavebond.pictures.plot_linear import plot_nyquist
+from heavebond.pictures.plot_linear import plot_bode, plot_nyquist
 
 # passive_rig by hand: masses, stiffnesses and dampings of the diagram
 M, C, D, C_S, D_S = 120e3, 42e3, 52e3, 217e3, 8e3
@@ -315,6 +315,38 @@ def test_many_resonances_share_their_points() -> None:
     assert len(spread(poles, poles)) < LINEAR_SYSTEM.points + 2 * LINEAR_SYSTEM.most_near
     one = np.array([complex(-0.01, 1.0)])
     assert len(spread(one, one)) == LINEAR_SYSTEM.points + LINEAR_SYSTEM.near
+
+
+UNDAMPED = """
+model: undamped
+components:
+  frame:  {is: Fixed}
+  spring: {is: Spring, c: 1 kN/m}
+  mass:   {is: Mass, m: 1 kg}
+nodes: {frame: [frame.a, spring.a], load: [spring.b, mass.a]}
+"""
+
+
+def test_the_response_at_an_undamped_resonance_is_infinite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "undamped.yaml").write_text(UNDAMPED)
+    for picture in ("bode", "nyquist", "step"):
+        told = _command(["linear", str(tmp_path / "undamped.yaml"), "--from", "load.f", "--to", "load.x", "--picture",
+                         picture, "--output", str(tmp_path / f"{picture}.png")], tmp_path)
+        channel = told["channels"][0]
+        assert channel["peak_gain"] is None
+        assert channel["peak_frequency"] == pytest.approx(np.sqrt(1000) / 2 / np.pi, rel=1e-12)
+        assert channel["static_gain"] == pytest.approx(1e-3, rel=1e-12)
+    system = hb.state_space(hb.loads(UNDAMPED), ["load.f"], ["load.x"])
+    assert system.unbounded() == pytest.approx([np.sqrt(1000) / 2 / np.pi])
+    around = 1j * np.sqrt(1000) * np.array([0.5, 1.0, 2.0])
+    for sparse in (LINEAR_SYSTEM.sparse, 0):
+        monkeypatch.setattr(linear_system, "LINEAR_SYSTEM", replace(LINEAR_SYSTEM, sparse=sparse, dense=1.0))
+        found = system.response(around)[:, 0, 0]
+        assert found[[0, 2]] == pytest.approx([1e-3 / 0.75, -1e-3 / 3])
+        assert np.isinf(np.abs(found[1]))
+    drawn = plot_bode([system], system.frequencies())
+    phase = np.asarray(drawn.axes[1].get_lines()[0].get_ydata())
+    assert phase[[0, -1]] == pytest.approx([0.0, -180.0])
 
 
 def test_zeros_of_many_states_are_left_out_of_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

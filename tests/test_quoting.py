@@ -163,6 +163,7 @@ def test_more_output_points_than_any_machine_holds_are_refused():
             hb.simulate(loads(named("plain")), until=until, every=every)
 
 
+@pytest.mark.own_fault
 @pytest.mark.parametrize("fault", [ZeroDivisionError("x\x1b[2J"), RecursionError("deep"), MemoryError(), KeyError("k")])
 def test_a_fault_of_the_program_is_one_message_and_a_file(fault, tmp_path, monkeypatch, capfd):
     from heavebond.cli import main

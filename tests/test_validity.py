@@ -359,7 +359,9 @@ initial: {load.x: 0 m, load.v: 0 m/s}
     event = file.read_text().replace("CoulombFriction, F_c: 10 N, v_t: 20 mm/s", "DryFriction, F_c: 10 N, F_s: 12 N")
     file.write_text(event)
     for words in (["modes", str(file)], ["linear", str(file), "--from", "load.f", "--to", "load.x"]):
-        switched = " ".join(CliRunner().invoke(main, words).output.split())
+        made = CliRunner().invoke(main, words)
+        assert made.exit_code == 0, made.output
+        switched = " ".join(made.output.split())
         assert "friction.mode is 0 there (1 sliding forwards, -1 backwards, 0 stuck) and stays so" in switched, words
         assert "friction.told" not in switched
 

@@ -163,12 +163,14 @@ def _print_channels(channels: Sequence[StateSpace], span: Array) -> list[dict[st
         gains = np.abs(channel.response(2j * np.pi * span)[:, 0, 0])
         # the DC gain, at a frequency so low that nothing but a free body moves on
         static = float(channel.response(np.array([1e-9j * span[0]]))[0, 0, 0].real)
-        peak = int(np.argmax(gains))
-        rows.append((channel_name(channel), ratio(channel), number(static, 4), number(float(gains[peak]), 4),
-                     f"{number(float(span[peak]), 4)} Hz"))
+        infinite = [f for f in channel.unbounded() if span[0] <= f <= span[-1]]
+        gain, at = (np.inf, float(infinite[0])) if infinite else (
+            float(gains.max()), float(span[int(np.argmax(gains))]))
+        rows.append((channel_name(channel), ratio(channel), number(static, 4),
+                     "infinite (undamped)" if infinite else number(gain, 4), f"{number(at, 4)} Hz"))
         told.append({"from": channel.inputs[0], "to": channel.outputs[0], "unit": base.units[2][0],
-                     "static_gain": static * scale, "peak_gain": float(gains[peak]) * scale,
-                     "peak_frequency": float(span[peak]), "proper": channel.proper,
+                     "static_gain": static * scale, "peak_gain": None if infinite else gain * scale,
+                     "peak_frequency": at, "proper": channel.proper,
                      "zeros": _zeros(channel)})
     terminal.output().print(terminal.table("", ("channel", "unit", "DC gain", "largest gain", "at"), rows, text=2))
     return told

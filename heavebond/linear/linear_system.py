@@ -48,6 +48,8 @@ class LinearSystemConstants:
         line. Doubled: shorter plots.
     free: magnitude of a pole, over the fastest, below which it is at zero. Origin: errors of eigenvalues. Doubled:
         nothing.
+    undamped: share of its magnitude that the half-width of an undamped resonance is given in a plot. Origin: a peak that
+        no damping of a machine reaches. Doubled: nothing.
     points: points of a plot. Origin: pixels. Doubled: time.
     near: points about a resonance, together with its two flanks. Origin: pixels. Doubled: time.
     most_near: points about all resonances together. Origin: time of systems of hundreds of states. Doubled: time.
@@ -63,6 +65,7 @@ class LinearSystemConstants:
     infinite: float = 1e6
     visible: float = 1e-2
     free: float = 1e-9
+    undamped: float = 1e-6
     points: int = 600
     near: int = 65
     most_near: int = 6000
@@ -73,6 +76,7 @@ class LinearSystemConstants:
 
 
 LINEAR_SYSTEM = LinearSystemConstants()
+AT_A_POLE = complex(np.inf, np.nan)  # the size is infinite, the angle has no value
 
 
 @dataclass(frozen=True)
@@ -139,7 +143,8 @@ class StateSpace:
                        units=(self.units[0], (self.units[1][j],), (self.units[2][i],)))
 
     def response(self, s: ArrayLike) -> Complex:
-        """The transfer functions (N, k, m) at complex frequencies s (N,) in 1/s: s = 2j*pi*f."""
+        """The transfer functions (N, k, m) at complex frequencies s (N,) in 1/s: s = 2j*pi*f; at a pole their size is
+        infinite and their angle not a number."""
         points = np.atleast_1d(np.asarray(s, dtype=complex))
         a, b, c = self._scaled()
         through = np.zeros((len(points), len(self.outputs), len(self.inputs)), complex)
@@ -148,9 +153,7 @@ class StateSpace:
         elif self.states:
             number = max(1, LINEAR_SYSTEM.block // a.size)
             for k in range(0, len(points), number):
-                some = points[k:k + number, None, None]
-                through[k:k + number] = c @ np.linalg.solve(some * np.eye(len(a)) - a,
-                                                            np.broadcast_to(b, (len(some), *b.shape)))
+                through[k:k + number] = _dense_response(a, b, c, points[k:k + number])
         points = points[:, None, None]
         return np.asarray(through + self.d + points * self.higher[0] + points**2 * self.higher[1])
 
@@ -198,6 +201,14 @@ class StateSpace:
         values, residues = values[moving], residues[moving]
         weights = residues / np.maximum(np.abs(values.real), 1e-2 * np.abs(values))
         return np.asarray(values[weights >= LINEAR_SYSTEM.visible * weights.max(initial=0.0)], dtype=complex)
+
+    def unbounded(self) -> Array:
+        """The frequencies in Hz (N,), rising, of the undamped modes that the first input moves and the first output
+        shows: the response is infinite there."""
+        shown = np.abs(self.visible())
+        sizes = np.array([abs(e.value) for e in self.stability().undamped if e.value.imag > 0])
+        return np.array(sorted(size for size in sizes if np.any(np.abs(shown - size) <= LINEAR_SYSTEM.undamped * size))
+                        ) / (2 * np.pi)
 
     def frequencies(self) -> Array:
         """Frequencies in Hz (N,) from a decade below the slowest visible pole to a decade above the fastest, denser where
@@ -296,6 +307,17 @@ class StateSpaces:
                           d_all[1:3], linear.sizes, point, self._shown, linear.rigid)
 
 
+def _dense_response(a: Array, b: Array, c: Array, points: Complex) -> Complex:
+    """c (s - a)^-1 b (N, k, m) at points s (N,)."""
+    try:
+        return np.asarray(c @ np.linalg.solve(points[:, None, None] * np.eye(len(a)) - a,
+                                              np.broadcast_to(b, (len(points), *b.shape))))
+    except np.linalg.LinAlgError:
+        if len(points) == 1:
+            return np.full((1, len(c), b.shape[1]), AT_A_POLE)
+        return np.concatenate([_dense_response(a, b, c, points[k:k + 1]) for k in range(len(points))])
+
+
 def _sparse_response(a: Array, b: Array, c: Array, points: Complex) -> Complex:
     """c (s - a)^-1 b (N, k, m) at points s (N,), by sparse factors."""
     from scipy.sparse import csc_array
@@ -314,8 +336,8 @@ def _sparse_response(a: Array, b: Array, c: Array, points: Complex) -> Complex:
         values[on] = s - own
         try:
             found[k] = c @ splu(csc_array((values, rows, ends), a.shape)).solve(sides)
-        except RuntimeError as error:
-            raise np.linalg.LinAlgError(str(error)) from None  # as the dense solution says of s at a pole
+        except RuntimeError:
+            found[k] = AT_A_POLE
     return found
 
 
@@ -326,8 +348,12 @@ def spread(poles: Complex, all_poles: Complex) -> Array:
     low, high = 0.1 * float(sizes.min()), 10 * float(sizes.max())
     plain = np.geomspace(low, high, LINEAR_SYSTEM.points)
     resonances = [pole for pole in all_poles if pole.imag > 0 and abs(pole.real) < 0.3 * abs(pole)]
-    number = min(LINEAR_SYSTEM.near, max(5, LINEAR_SYSTEM.most_near // max(len(resonances), 1)))
-    near = [pole.imag + max(-pole.real, 1e-6 * abs(pole)) * np.linspace(-8, 8, number | 1) for pole in resonances]
+    number = min(LINEAR_SYSTEM.near, max(5, LINEAR_SYSTEM.most_near // max(len(resonances), 1))) | 1
+    near = []
+    for pole in resonances:
+        width = max(-pole.real, LINEAR_SYSTEM.undamped * abs(pole))
+        # an even number of points has none on the pole itself, where the response of an undamped one is infinite
+        near.append(pole.imag + width * np.linspace(-8, 8, number + (width > -pole.real)))
     points = np.concatenate([plain, *near])
     return np.asarray(np.unique(points[(points >= low) & (points <= high)]) / (2 * np.pi))
 

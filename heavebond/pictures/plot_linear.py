@@ -88,7 +88,9 @@ def _nyquist(axes: Axes, channels: Sequence[tuple[str, StateSpace]], frequencies
         axes.plot(found.real, found.imag, color=colour, linewidth=1.5, label=channel_name(channel))
         axes.plot(found.real, -found.imag, color=colour, linewidth=0.8, linestyle=DASHES[1])
         _arrow(axes, found, colour)
-        reach = max(reach, float(np.abs(found).max()))
+        sizes = np.abs(found)
+        # through an undamped resonance the curve goes to infinity: the plane holds what lies beside it
+        reach = max(reach, REACH * float(np.median(sizes)) if len(channel.unbounded()) else float(sizes.max()))
     if margins is not None:
         turn = np.linspace(0, 2 * np.pi, 200)
         axes.plot(np.cos(turn), np.sin(turn), color="#8c8c8c", linewidth=0.8)
@@ -246,8 +248,10 @@ def _name_dampings(axes: Axes) -> None:
 
 
 def _phase(found: NDArray[np.complex128]) -> Array:
-    """In degrees without jumps, beginning between -180 and 180."""
-    return np.asarray(np.degrees(np.unwrap(np.angle(found))))
+    """In degrees without jumps, beginning between -180 and 180; of an undamped resonance, where rounding has the sign of
+    the half turn, the half turn is one downwards as in the limit of little damping."""
+    angle = np.angle(found)
+    return np.asarray(np.degrees(np.unwrap(np.where(angle > np.pi - 1e-6, angle - 2 * np.pi, angle))))
 
 
 def _quiet(axes: Axes) -> None:
