@@ -252,6 +252,32 @@ def test_a_body_pushed_from_the_start_sticks_slips_and_stops(push: float, start:
     agree(1.0, 1.0)
 
 
+BELT = """\
+model: belt
+components:
+  frame:  {{is: {fixed}}}
+  spring: {{is: {spring}, {k}: 500 {N}/{X}, {d}: 2 {N}*s/{X}}}
+  body:   {{is: {mass}, {m}: 3 {kg}}}
+  grip:   {{is: {friction}, {c}: 9 {N}, {s}: 14 {N}, {v}_s: 0.05 {unit}}}
+  belt:   {{is: {drive}, u: "=0.25 {unit}*sin(2*pi*time/3 s)"}}
+nodes: {{ground: [frame.a, spring.a], body: [spring.b, body.a, grip.b], belt: [belt.a, grip.a]}}
+initial: {{body.{x}: 0, body.{v}: 0}}
+simulate: {{until: 6 s, every: 20 ms}}
+"""
+ON_BELTS = ({"spring": "SpringDamper", "k": "c", "d": "d", "drive": "VelocitySource", "X": "m"},
+            {"spring": "TorsionSpringDamper", "k": "c", "d": "d", "drive": "SpeedSource", "X": "rad"})
+
+
+def test_a_body_comes_loose_from_what_changes_its_speed_at_any_tolerance() -> None:
+    """Errors of the integration add up to a speed while it sticks: more than v_r, and not to be taken for sliding."""
+    for words, more in zip(SLIDING, ON_BELTS, strict=True):
+        model = hb.loads(BELT.format(**words, **more))
+        coarse, fine = (hb.simulate(model, rtol=rtol) for rtol in (1e-6, 1e-10))
+        assert [name for _, name in coarse.events] == [name for _, name in fine.events]
+        place = f"body.{words['x']}"
+        agree(coarse[place], fine[place], 1e-4, size=np.ptp(fine[place]))
+
+
 BOUNCE = """\
 model: bounce
 components:
