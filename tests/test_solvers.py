@@ -333,6 +333,26 @@ def test_a_node_between_shut_valves_is_filled_and_the_run_begins_anew() -> None:
         hb.simulate(hb.loads(SHUT), solver="idas")
 
 
+def test_a_machine_is_linearised_wherever_it_runs(tmp_path: Path) -> None:
+    """The same nodes are filled at the start and on the way, with inputs to the filled machine too, and it is said."""
+    (tmp_path / "shut.yaml").write_text(SHUT)
+    for words in (["modes"], ["modes", "--at", "0.7 s"], ["linear", "--from", "middle.q", "--to", "middle.p"],
+                  ["linear", "--over", "exit.dp_r=20 .. 40 bar"]):
+        told = CliRunner().invoke(cli.main, [words[0], str(tmp_path / "shut.yaml"), *words[1:]])
+        assert told.exit_code == 0, told.output
+        said = " ".join(told.output.split())
+        assert "Linearised with a short bore of oil or gas on middle, which store none: before, no equation" in said
+    found = hb.state_space(hb.load(tmp_path / "shut.yaml"), ["middle.q"], ["middle.p"], at=0.7)
+    # what enters while the inlet is open leaves through it; the slope of its law at rest is that of its smoothing
+    assert found.states == ("middle.p",) and found.stable
+
+
+def test_energy_beside_which_nodes_need_filling_is_that_of_the_filled_machine() -> None:
+    """A run that needs none, until integrals stand beside it."""
+    found = hb.audit(hb.load("circuits/truck_brake"))
+    assert found.closes() and "fill_1" in {line.component for line in found.lines}
+
+
 def test_energy_and_compare_run_what_run_runs_and_fit_says_why_not(tmp_path: Path) -> None:
     """They begin anew with the same nodes filled, and say so."""
     (tmp_path / "shut.yaml").write_text(SHUT)

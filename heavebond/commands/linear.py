@@ -93,7 +93,8 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
     console.print(f"{diagram.name} {made.points.words}: {count(len(system.states), 'state')}, {judged.verdict}"
                   f"{': ' if judged.reasons else ''}{'; '.join(judged.reasons)}", soft_wrap=True)
     told["stuck"] = notes = stuck(made.points.assembly, made.points.at())
-    for note in notes:
+    told["filled"] = made.filled or None
+    for note in (*notes, *([made.filled] if made.filled else [])):
         console.print(note, style="yellow", soft_wrap=True)
     if loop is not None:
         channels, span, found = _cut(system, frequencies)
@@ -253,6 +254,8 @@ def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> 
     free = dict.fromkeys(e.text for judged in found.stability for e in judged.free)
     if free:
         console.print(f"free, and no boundary: {'; '.join(free)}", soft_wrap=True)
+    if found.filled:
+        console.print(found.filled, style="yellow", soft_wrap=True)
     files = [output] if output is not None else []
     if output is not None:
         from heavebond.pictures.plot import save
@@ -263,7 +266,7 @@ def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> 
     return {"model": diagram.name, "parameter": parameter, "unit": found.unit, "values": found.values.tolist(),
             "poles": [[[s.real, s.imag] for s in row] for row in found.poles.tolist()], "limits": list(found.limits),
             "stability": [judged.verdict for judged in found.stability], "free": list(free),
-            "files": [str(path) for path in files]}
+            "filled": found.filled or None, "files": [str(path) for path in files]}
 
 
 # -- files -------------------------------------------------------------------------------------------------------------

@@ -63,12 +63,12 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
     for line in words:
         console.print(line, soft_wrap=True)
     notes = stuck(assembly, point)
-    for note in notes:
+    for note in (*notes, *([operating.filled] if operating.filled else [])):
         console.print(note, style="yellow", soft_wrap=True)
     if shares and shares[0].left_out:
         console.print(f"not counted (described by mass and temperature): {', '.join(shares[0].left_out)}", soft_wrap=True)
     return {"model": assembly.model.name, "at": operating.words, "operating_point": _point_told(assembly, point),
-            "stability": judged, "stuck": notes,
+            "stability": judged, "stuck": notes, "filled": operating.filled or None,
             "modes": [_told(mode, share) for mode, share in zip(found, shares, strict=True)]}
 
 

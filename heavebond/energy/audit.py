@@ -194,6 +194,45 @@ def audit(model: ModelOrFile | Assembly, until: Time | None = None, *, every: Ti
     verdict(worthless).raise_if_failed()
     if before.assembly.flat is not assembly.flat:  # with nodes filled, which has the parameters
         assembly, parameters = before.assembly, None
+    found = _integrated(before, assembly, parameters, tolerances)
+    if found.result.assembly.flat is not assembly.flat:  # integrals beside it have made it need filled nodes
+        before, assembly = found.result, found.result.assembly
+        found = _integrated(before, assembly, None, tolerances)
+    parts, integrals, result = found.parts, found.integrals, found.result
+    if "fills" in before.statistics:
+        result = replace(result, statistics={**result.statistics, "fills": before.statistics["fills"]})
+    energies = result.evaluate(found.energy)
+    stored, jumps = energies - energies[:, :1], _jumps(result, found.energy)
+    duration, ports, through = result.time[-1] - result.time[0], found.rates[::QUADRATURES], port_powers(result)
+    report_verdict(assembly.model.name, before.verdict)
+    largest = max(float(np.abs(values).max(initial=0.0)) for values in (integrals, stored, energies))
+    total = max(float(np.sum([np.abs(through[port]) for port in assembly.flat.bonds], axis=0).max(initial=0.0)),
+                largest / duration if duration else 0.0)
+    lines = (_line(e, integrals[QUADRATURES * k:QUADRATURES * (k + 1), -1], float(stored[k, -1]), float(jumps[k]))
+             for k, e in enumerate(parts))
+    return EnergyAudit(
+        tuple(replace(line, start=float(energies[k, 0]),
+                      delivered=float(np.trapezoid(np.maximum(-ports[k], 0.0), result.time)),
+                      activity=float(np.trapezoid(np.abs(ports[k]), result.time))) for k, line in enumerate(lines)),
+        largest, float(np.abs(ports.sum(axis=0)).max(initial=0.0) / total) if total else 0.0, result, through)
+
+
+@dataclass(frozen=True)
+class _Integrated:
+    """The components of a balance, their energies (n, 1), the integrals of power, dissipated and unbalanced power of each
+    (3 n, N) in J with their rates in W, and the run beside which they were integrated, without them where it needed filled
+    nodes."""
+
+    parts: list[Energetics]
+    energy: ca.SX
+    rates: Array
+    integrals: Array
+    result: Result
+
+
+def _integrated(before: Result, assembly: Assembly, parameters: Mapping[str, float | str] | None, tolerances: Tolerances
+                ) -> _Integrated:
+    """The run `before` once more with the integrals of the powers under error control."""
     leaves = assembly.flat.expanded.leaves
     parts = [e for e in assembly.flat.energetics if leaves[e.owner].component.ports or leaves[e.owner].component.stores]
     raw, energy = stack([stack([e.power, e.dissipated, e.unbalanced]) for e in parts]), stack([e.energy for e in parts])
@@ -206,25 +245,10 @@ def audit(model: ModelOrFile | Assembly, until: Time | None = None, *, every: Ti
     beside = Simulator(assembly, times=before.time, tolerances=tolerances,
                        quadratures=powers[chosen] / size if chosen else None, solver="auto")
     result = run_by_auto(beside, parameters)
-    if "fills" in before.statistics:
-        result = replace(result, statistics={**result.statistics, "fills": before.statistics["fills"]})
     integrals = np.zeros(rates.shape)
-    if chosen:
+    if chosen and result.assembly.flat is assembly.flat:
         integrals[chosen] = size * result.quadratures
-    energies = result.evaluate(energy)
-    stored, jumps = energies - energies[:, :1], _jumps(result, energy)
-    ports, through = rates[::QUADRATURES], port_powers(result)
-    report_verdict(assembly.model.name, before.verdict)
-    largest = max(float(np.abs(values).max(initial=0.0)) for values in (integrals, stored, energies))
-    total = max(float(np.sum([np.abs(through[port]) for port in assembly.flat.bonds], axis=0).max(initial=0.0)),
-                largest / duration if duration else 0.0)
-    lines = (_line(e, integrals[QUADRATURES * k:QUADRATURES * (k + 1), -1], float(stored[k, -1]), float(jumps[k]))
-             for k, e in enumerate(parts))
-    return EnergyAudit(
-        tuple(replace(line, start=float(energies[k, 0]),
-                      delivered=float(np.trapezoid(np.maximum(-ports[k], 0.0), result.time)),
-                      activity=float(np.trapezoid(np.abs(ports[k]), result.time))) for k, line in enumerate(lines)),
-        largest, float(np.abs(ports.sum(axis=0)).max(initial=0.0) / total) if total else 0.0, result, through)
+    return _Integrated(parts, energy, rates, integrals, result)
 
 
 def port_powers(result: Result) -> dict[str, Array]:

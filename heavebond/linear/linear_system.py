@@ -276,12 +276,14 @@ class StateSpaces:
     def __init__(self, model: ModelOrFile, inputs: Sequence[str], outputs: Sequence[str], at: Time | None = None):
         self.inputs, self.outputs = tuple(dict.fromkeys(inputs)), tuple(dict.fromkeys(outputs))
         model = loaded(model)
-        plain = OperatingPoints(model, at, also=_named(model, self.outputs))
+        also = _named(model, self.outputs)
+        plain = OperatingPoints(model, at, also=also)
         known = plain.assembly.parameter_names
         self._added = [name for name in self.inputs if name not in known]
         self._given = [name for name in self.inputs if name in known]
-        self.points = OperatingPoints(model, at, disturbances=self._added, also=_named(model, self.outputs)) \
-            if self._added else plain
+        self.points, self.filled = plain, plain.filled
+        if self._added:
+            self.points = OperatingPoints(plain.assembly.model, at, disturbances=self._added, also=also)
         self._linearisation = Linearisation(self.points.assembly, self._given, self.outputs,
                                             [inner_name(name) for name in self._added])
         self._units = _units(self.points.assembly, self.inputs, self.outputs)

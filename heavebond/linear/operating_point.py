@@ -9,7 +9,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from heavebond.core.errors import Problem, UsageError
+from heavebond.core.errors import HeavebondError, Problem, StartError, UsageError
 from heavebond.core.units import read_unit
 from heavebond.equations.flatten import flatten
 from heavebond.equations.reduce import reduce
@@ -22,6 +22,7 @@ from heavebond.numerics.dae import Array, Assembly, build
 from heavebond.numerics.initialise import start
 from heavebond.numerics.output_times import Time, grid, seconds
 from heavebond.numerics.result import columns
+from heavebond.numerics.simulation import filled, fills_told, run_by_auto, unfilled
 from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.start_equations import Point, StartEquations
 from heavebond.text.expression import Call, Expr, FunctionCall, children, inside, names
@@ -32,19 +33,52 @@ SPEEDS = tuple(read_unit(text).dimension for text in ("m/s", "rad/s"))
 
 
 class OperatingPoints:
-    """The machine with its disturbances, assembled once, and its operating point for any parameters."""
+    """The machine with its disturbances, assembled once, and its operating point for any parameters.
+
+    Where a node without oil or gas of its own leaves no start, or ends the run to the time, it is filled as in a run by
+    `auto` (see `heavebond.numerics.simulation`), and `filled` says so; that is found without disturbances, whose diagram is
+    then the filled one.
+    """
+
+    filled: str = ""
 
     def __init__(self, model: Model, at: Time | None = None, *, disturbances: Sequence[str] = (), also: Iterable[str] = ()):
         """`at`: None for the start of the diagram, `"steady"`, or a time; `also` names positions that are wanted."""
-        self.steady = at == STEADY
-        chosen = _steady(model) if self.steady else model
-        self.assembly = build(reduce(disturbed(flatten(chosen, also), disturbances)))
+        self.steady, self._disturbances, self._also = at == STEADY, disturbances, tuple(also)
         self.time = 0.0 if at is None or self.steady else seconds(at, "--at")
-        end = self.time or (float(grid(chosen, None, None)[-1]) if chosen.until is not None else 1.0)
-        self.driven = quiet(self.assembly.flat, len(disturbances), end)
+        self._assemble(_steady(model) if self.steady else model)
+        if not disturbances:
+            self._fill()
+
+    def _assemble(self, model: Model) -> None:
+        self.assembly = build(reduce(disturbed(flatten(model, self._also), self._disturbances)))
+        end = self.time or (float(grid(model, None, None)[-1]) if model.until is not None else 1.0)
+        self.driven = quiet(self.assembly.flat, len(self._disturbances), end)
         self.equations = StartEquations(self.assembly)
         self._simulator = Simulator(self.assembly, times=np.array([0.0, self.time]), driven=self.driven) \
             if self.time else None
+
+    def _fill(self) -> None:
+        """Fill nodes where there is no operating point without; what else is wrong is told by `at`, as it may be right with
+        other parameters."""
+        before = self.assembly.model
+        try:
+            if self._simulator is None:
+                self.at()
+            elif isinstance(fills := run_by_auto(self._simulator).statistics.get("fills"), dict):
+                self._assemble(filled(self.assembly, unfilled(self.assembly)).model)
+                self.filled = f"Linearised {fills_told(fills['nodes'], fills['why'])}"
+        except StartError as error:
+            if nodes := unfilled(self.assembly):
+                try:
+                    self._assemble(filled(self.assembly, nodes).model)
+                    self.at()
+                except HeavebondError:
+                    self._assemble(before)
+                else:
+                    self.filled = f"Linearised {fills_told(list(nodes), error.problems[0].message)}"
+        except HeavebondError:
+            return
 
     @property
     def words(self) -> str:
@@ -55,7 +89,9 @@ class OperatingPoints:
         """The point with these parameters set; StartError or SimulationError where there is none, UsageError
         where other states are integrated at that time."""
         if self._simulator is not None:
-            result = self._simulator.run(parameters)
+            result = run_by_auto(self._simulator, parameters)
+            if result.assembly.flat is not self.assembly.flat:  # nodes that need filling with these parameters only
+                result = self._simulator.run(parameters)
             if any(len(result.time) - 1 in at for at, _ in result.stays):
                 raise UsageError([Problem("other-states", f"at {self.time:g} s this diagram is integrated in other states "
                                           "than at its start, which is not linearised", None,

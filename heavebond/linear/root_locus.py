@@ -26,7 +26,7 @@ POINTS = 81
 class RootLocus:
     """Poles (N, n) in 1/s at the values (N,) of a parameter in SI, each column following one pole; `limits` are values at
     which the last growing mode appears or goes (the stability boundary). `stability` judges each value: free modes stay at
-    exactly zero and are no limit."""
+    exactly zero and are no limit. `filled` says what was added to nodes that store nothing, if anything."""
 
     parameter: str
     unit: str
@@ -34,6 +34,7 @@ class RootLocus:
     poles: NDArray[np.complex128]
     limits: tuple[float, ...]
     stability: tuple[Stability, ...]
+    filled: str = ""
 
 
 def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Time | None = None, points: int = POINTS
@@ -69,7 +70,7 @@ def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Tim
               for k in range(len(values) - 1) if bool(judged[k].growing) != bool(judged[k + 1].growing)]
     index = operating.assembly.parameter_names.index(parameter)
     unit = operating.assembly.flat.parameters[index].unit.text
-    return RootLocus(parameter, unit, values, _followed(found), tuple(limits), tuple(judged))
+    return RootLocus(parameter, unit, values, _followed(found), tuple(limits), tuple(judged), operating.filled)
 
 
 def _limit(judged: Callable[[float], Stability], span: tuple[float, float], ends: tuple[Stability, Stability]) -> float:

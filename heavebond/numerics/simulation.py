@@ -15,7 +15,7 @@ Each change stands in the statistics of the run, `fills` and `solver_changes`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import casadi as ca
@@ -155,8 +155,7 @@ def changes_of(result: Result, states: bool = True) -> list[str]:
     """What a run changed on its way, in sentences: its equations, its solver, its `states`."""
     said, fills = [], result.statistics.get("fills")
     if isinstance(fills, dict):
-        said.append(f"begun anew with a short bore of oil or gas on {listing(fills['nodes'])}, which store none: "
-                    f"before, {fills['why']}. A Volume or a Receiver there of the real size takes its place.")
+        said.append(f"begun anew {fills_told(fills['nodes'], fills['why'])}")
     for key, what in (("solver_changes", "solver"), *((("state_changes", "states"),) if states else ())):
         changes = result.statistics.get(key, [])
         assert isinstance(changes, list)
@@ -166,6 +165,12 @@ def changes_of(result: Result, states: bool = True) -> list[str]:
             said.append(f"{count(len(changes), 'change')} of {what}, the first at {first['time']:.4g} s: "
                         f"{before} -> {after}")
     return said
+
+
+def fills_told(nodes: Sequence[str], why: str) -> str:
+    """What was added to a diagram at nodes that store nothing, `why` it could not do without, and what to type."""
+    return f"with a short bore of oil or gas on {listing(nodes)}, which store none: before, {why}. " \
+        "A Volume or a Receiver there of the real size takes its place."
 
 
 def _may_help(problem: Problem) -> bool:
