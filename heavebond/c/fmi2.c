@@ -1,4 +1,4 @@
-/* FMI 2.0 for co-simulation around the equations in model.c.
+/* FMI 2.0 for model exchange and co-simulation around the equations in model.c.
    Modelica Association, Functional Mock-up Interface Specification 2.0, https://fmi-standard.org */
 #include "fmu_core.c"
 
@@ -15,9 +15,15 @@ typedef struct {
 } Callbacks;
 
 typedef struct {
+  fmi2Boolean again, terminate, nominals_changed, states_changed, next_known;
+  double next;
+} EventInfo;
+
+typedef struct {
   Values now;
   Callbacks calls;
   char name[256];
+  bool model_exchange;
 } Model;
 
 static fmi2Status fail(Model *model, fmi2Status status, const char *message) {
@@ -41,15 +47,16 @@ EXPORT fmi2Component fmi2Instantiate(const char *name, int type, const char *tok
                                      const Callbacks *calls, fmi2Boolean visible, fmi2Boolean logging) {
   Model *model;
   (void)resources, (void)visible, (void)logging;
-  if (type != 1 || !token || strcmp(token, model_token)) {
+  if (!token || strcmp(token, model_token)) {
     if (calls && calls->log)
       calls->log(calls->environment, name, fmi2Error, "logStatusError", "%s",
-                 type != 1 ? "it is for co-simulation only" : "modelDescription.xml and the binary do not belong together");
+                 "modelDescription.xml and the binary do not belong together");
     return NULL;
   }
   model = calloc(1, sizeof *model);
   if (!model) return NULL;
   if (calls) model->calls = *calls;
+  model->model_exchange = type == 0;
   strncpy(model->name, name ? name : "", sizeof model->name - 1);
   begin(&model->now);
   return model;
@@ -78,8 +85,9 @@ EXPORT fmi2Status fmi2SetupExperiment(fmi2Component instance, fmi2Boolean has_to
 }
 
 EXPORT fmi2Status fmi2ExitInitializationMode(fmi2Component instance) {
-  bool changed;
-  return judge(instance, update(&((Model *)instance)->now, &changed));
+  Model *model = instance;
+  bool changed; /* in model exchange, what happens at the start is left to fmi2NewDiscreteStates */
+  return model->model_exchange ? fmi2OK : judge(model, update(&model->now, &changed));
 }
 
 /* changes of mode that change no value */
@@ -89,6 +97,8 @@ EXPORT fmi2Status fmi2ExitInitializationMode(fmi2Component instance) {
     return fmi2OK; \
   }
 NOTHING(fmi2EnterInitializationMode)
+NOTHING(fmi2EnterEventMode)
+NOTHING(fmi2EnterContinuousTimeMode)
 NOTHING(fmi2Terminate)
 
 /* -- values and steps ------------------------------------------------------------------------------------------------- */
@@ -116,6 +126,67 @@ EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component instance, const Ref
                                                const Reference knowns[], size_t n_knowns, const double seed[],
                                                double sensitivity[]) {
   return judge(instance, derivative(&((Model *)instance)->now, unknowns, n_unknowns, knowns, n_knowns, seed, sensitivity));
+}
+
+/* -- model exchange --------------------------------------------------------------------------------------------------- */
+EXPORT fmi2Status fmi2SetTime(fmi2Component instance, double time) {
+  Values *now = &((Model *)instance)->now;
+  now->fresh = now->fresh && time == now->t;
+  now->t = time;
+  return fmi2OK;
+}
+
+EXPORT fmi2Status fmi2SetContinuousStates(fmi2Component instance, const double x[], size_t n) {
+  Values *now = &((Model *)instance)->now;
+  if (n != model_n_x) return fail(instance, fmi2Error, "the number of states is another");
+  memcpy(now->x, x, sizeof(double) * n);
+  now->fresh = false;
+  return fmi2OK;
+}
+
+EXPORT fmi2Status fmi2GetContinuousStates(fmi2Component instance, double x[], size_t n) {
+  if (n != model_n_x) return fail(instance, fmi2Error, "the number of states is another");
+  memcpy(x, ((Model *)instance)->now.x, sizeof(double) * n);
+  return fmi2OK;
+}
+
+EXPORT fmi2Status fmi2GetDerivatives(fmi2Component instance, double dx[], size_t n) {
+  fmi2Status status;
+  if (n != model_n_x) return fail(instance, fmi2Error, "the number of states is another");
+  status = judge(instance, evaluate(&((Model *)instance)->now));
+  if (status == fmi2OK) memcpy(dx, ((Model *)instance)->now.dx, sizeof(double) * n);
+  return status;
+}
+
+EXPORT fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component instance, double nominals[], size_t n) {
+  if (n != model_n_x) return fail(instance, fmi2Error, "the number of states is another");
+  memcpy(nominals, model_x_nominal, sizeof(double) * n);
+  return fmi2OK;
+}
+
+EXPORT fmi2Status fmi2GetEventIndicators(fmi2Component instance, double indicators[], size_t n) {
+  if (n != model_n_c) return fail(instance, fmi2Error, "the number of event indicators is another");
+  return n ? judge(instance, indicate(&((Model *)instance)->now, indicators)) : fmi2OK;
+}
+
+EXPORT fmi2Status fmi2CompletedIntegratorStep(fmi2Component instance, fmi2Boolean no_return, fmi2Boolean *event,
+                                              fmi2Boolean *terminate) {
+  (void)instance, (void)no_return;
+  *event = *terminate = 0;
+  return fmi2OK;
+}
+
+EXPORT fmi2Status fmi2NewDiscreteStates(fmi2Component instance, EventInfo *info) {
+  Values *now = &((Model *)instance)->now;
+  bool states_changed;
+  fmi2Status status;
+  memset(info, 0, sizeof *info);
+  status = judge(instance, update(now, &states_changed));
+  if (status != fmi2OK) return status;
+  info->states_changed = states_changed;
+  info->next = model_n_e ? next_instant(now) : INFINITY;
+  if (!(info->next_known = info->next < INFINITY)) info->next = 0;
+  return status;
 }
 
 /* -- snapshots ------------------------------------------------------------------------------------------------------- */

@@ -21,7 +21,7 @@ SUFFIXES = (".fmu", ".c")
 @click.option("-o", "--output", metavar="FILE", required=True, type=click.Path(path_type=Path),
               help="model.fmu (needs a C compiler) or model.c.")
 @click.option("--fmi", "version", type=click.Choice(["2", "3"]), default="3", show_default=True,
-              help="The standard of an FMU: 3 for model exchange and co-simulation, 2 for co-simulation.")
+              help="The standard of an FMU, which is for model exchange and for co-simulation.")
 @click.option("--input", "inputs", metavar="SIGNAL", multiple=True,
               help="Make a signal input of the diagram an input of what is written, e.g. --input deck.u. May be repeated.")
 @set_option

@@ -1,7 +1,7 @@
 """Export of a diagram as an FMU: the C of `c_code` with a wrapper, compiled for this host.
 
-An FMU of FMI 3.0 is for model exchange and for co-simulation, one of FMI 2.0 for co-simulation; the integrator of
-co-simulation (`rosenbrock.c`) is inside. CasADi's own exporter (DaeBuilder 3.8) is not used: it writes units without their
+An FMU is for model exchange and for co-simulation, by FMI 2.0 or 3.0; the integrator of co-simulation (`rosenbrock.c`) is
+inside. CasADi's own exporter (DaeBuilder 3.8) is not used: it writes units without their
 definitions, adds variables with names that the standard does not allow, and knows algebraic unknowns only for importers with
 an extension of the standard. Modelica Association, Functional Mock-up Interface Specification 2.0.4 and 3.0.1,
 https://fmi-standard.org.

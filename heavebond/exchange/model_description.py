@@ -1,4 +1,4 @@
-"""modelDescription.xml of an exported diagram, of FMI 2.0 (co-simulation) and 3.0 (model exchange and co-simulation).
+"""modelDescription.xml of an exported diagram, of FMI 2.0 and 3.0, for model exchange and co-simulation.
 
 Modelica Association, Functional Mock-up Interface Specification 2.0.4 and 3.0.1, https://fmi-standard.org.
 """
@@ -14,6 +14,7 @@ from xml.etree import ElementTree as Xml
 from heavebond import __version__
 from heavebond.core.quoting import xml_text
 from heavebond.core.units import Unit
+from heavebond.equations.events import FlatEvent
 from heavebond.exchange.portable import Portable, Quantity, derived
 from heavebond.numerics.output_times import grid
 
@@ -28,6 +29,7 @@ def description(made: Portable, identifier: str, token: str, version: int = 3) -
         "fmiVersion": f"{version}.0", "modelName": made.name, "instantiationToken" if version == 3 else "guid": token,
         "generationTool": f"heavebond {__version__}",
         "variableNamingConvention": "structured" if structured else "flat",
+        **({"numberOfEventIndicators": str(len(_conditions(made)))} if version == 2 else {}),
         **({"description": summary} if (summary := made.assembly.model.summary) else {})})
     (_kinds_3 if version == 3 else _kinds_2)(root, identifier)
     quantities = [q for group in (made.states, made.parameters, made.inputs, made.outputs) for q in group]
@@ -47,10 +49,11 @@ def _kinds_3(root: Xml.Element, identifier: str) -> None:
 
 
 def _kinds_2(root: Xml.Element, identifier: str) -> None:
-    kind = Xml.SubElement(root, "CoSimulation", {
-        "modelIdentifier": identifier, "canHandleVariableCommunicationStepSize": "true", "canGetAndSetFMUstate": "true",
-        "canSerializeFMUstate": "true", "providesDirectionalDerivative": "true"})
-    Xml.SubElement(Xml.SubElement(kind, "SourceFiles"), "File", {"name": "fmi2.c"})  # which includes the others
+    shared = {"modelIdentifier": identifier, "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true",
+              "providesDirectionalDerivative": "true"}
+    for kind, more in (("ModelExchange", {}), ("CoSimulation", {"canHandleVariableCommunicationStepSize": "true"})):
+        element = Xml.SubElement(root, kind, {**shared, **more})
+        Xml.SubElement(Xml.SubElement(element, "SourceFiles"), "File", {"name": "fmi2.c"})  # which includes the others
 
 
 def _rate(state: Quantity) -> tuple[str, Unit]:
@@ -85,6 +88,11 @@ def _experiment(root: Xml.Element, made: Portable) -> None:
         times = grid(model, None, None)
         Xml.SubElement(root, "DefaultExperiment", {"startTime": "0", "stopTime": repr(float(times[-1])), "tolerance": "1e-9",
                                                    "stepSize": repr(float(times[1]))})
+
+
+def _conditions(made: Portable) -> list[FlatEvent]:
+    """The events with an indicator, in the order of the indicators."""
+    return [event for event in made.events if event.indicator is not None]
 
 
 class _Variables3:
@@ -129,7 +137,7 @@ class _Variables3:
 
     def conditions(self, made: Portable, first: int) -> list[int]:
         """The event indicators as variables, and their value references."""
-        found = [event for event in made.events if event.indicator is not None]
+        found = _conditions(made)
         for k, event in enumerate(found):
             self.add(f"{event.name}.indicator", first + k, "local", "continuous", initial="calculated",
                      description=f"above 0 where this is true: {event.text}")
@@ -160,7 +168,7 @@ class _Variables2(_Variables3):
         Xml.SubElement(element, "Real", {k: v for k, v in more.items() if v})
 
     def conditions(self, made: Portable, first: int) -> list[int]:
-        return []  # events happen within the steps
+        return []  # the indicators are no variables
 
     def structured(self, rates: list[int], outputs: list[int], indicators: list[int]) -> None:
         for kind, references in (("Outputs", outputs), ("Derivatives", rates),
