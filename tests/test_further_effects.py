@@ -134,6 +134,14 @@ def test_the_share_is_that_of_the_first_misfit() -> None:
     way = ladder(1001, 101, 51)
     way[-1].chosen.chi2_held_out = 91.0
     assert material_share(way) == pytest.approx(0.01)
+    # where free parameters take its part in the fitted data, these are near the noise without it and show no share
+    way[-1].step.chi2_fit, way[-1].chosen.chi2_fit = 1.2, 1.0
+    assert material_share(way) == pytest.approx(0.01)
+    way[-1].chosen.chi2_held_out = 21.0
+    assert material_share(way) == pytest.approx(0.08)
+    way[-1].step.chi2_fit = 1.6
+    assert material_share(way) < 0.001
+    way[-1].step.chi2_fit, way[-1].chosen.chi2_fit = 101.0, 51.0
     way[0].step.chi2_held_out = way[-1].step.chi2_held_out = way[-1].chosen.chi2_held_out = float("nan")
     assert material_share(way) == pytest.approx(0.05)
     assert not replace(Constancy((1.0, 1.05), 1e-9)).differs and not Constancy((0.5, 1.5), 0.2).differs

@@ -77,12 +77,15 @@ def _reaches_the_noise(added: SelectedEffect) -> bool:
 
 def material_share(way: Selection) -> float:
     """The share of the first misfit (chi-square above the noise) that the last effect of a ladder takes away: the smaller of
-    that on fitted and that on held-out data. (Errors predicted without a block of time are no measure of it: where a block
-    alone determines a number of the effect, as a rim that is met once, they are too large.)"""
+    that on fitted and that on held-out data; that on held-out data where the fitted data are near their noise without it,
+    as they are where free parameters take its part in them. (Errors predicted without a block of time are no measure of it:
+    where a block alone determines a number of the effect, as a rim that is met once, they are too large.)"""
     first, last = way[0].step, way[-1]
     fitted = (last.step.chi2_fit - last.chosen.chi2_fit) / max(first.chi2_fit - 1.0, 1e-9)
     held = (last.step.chi2_held_out - last.chosen.chi2_held_out) / max(first.chi2_held_out - 1.0, 1e-9)
-    return fitted if held != held else min(fitted, held)  # (NaN: nothing is held out)
+    if held != held:  # (NaN: nothing is held out)
+        return fitted
+    return held if last.step.chi2_fit <= DECISION.near else min(fitted, held)
 
 
 def _constancy(added: SelectedEffect) -> Constancy | None:
