@@ -14,7 +14,7 @@ from click.testing import CliRunner
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.units import read_unit
-from heavebond.diagnosis.answer_notes import wrong_starts
+from heavebond.diagnosis.answer_notes import wrong_channels, wrong_starts
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.verdict import _revalued, _share
 from heavebond.estimation.constant_bias import Bias, common_bias, mean_residual
@@ -175,6 +175,19 @@ def test_a_diagnosis_without_a_name_leads_to_the_start_that_is_wrong(tmp_path: P
     assert starts and all("begins at" in line for line in starts)
     assert "set the start right, then diagnose again" in advice
     assert wrong_starts("effect", compared) == starts
+
+
+def test_a_diagnosis_leads_with_a_channel_of_another_sign(tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text(MODEL)
+    (tmp_path / "rig_record.yaml").write_text(EXPERIMENT)
+    for name, period in (("one", 1.9), ("two", 1.4)):
+        moving = hb.load(tmp_path / "rig.yaml").with_parameters({"foot.u": f"=30 mm*sin(2*pi*time/({period} s))"})
+        run = hb.simulate(moving, 10, every=0.02)
+        columns = np.column_stack([run.time, 30 * np.sin(2 * np.pi * run.time / period), -1e3 * run["load.x"]])
+        np.savetxt(tmp_path / f"{name}.csv", columns, delimiter=",", header="t,u,x", comments="")
+    first, then = wrong_channels(hb.compare(tmp_path / "rig_record.yaml"))
+    assert first.startswith("one, two: load.x moves against the model") and "write `is: -(load.x)`" in first
+    assert then.startswith("If so, set it right")
 
 
 def test_a_value_that_acts_as_another_and_was_not_fitted_is_told_without_a_number() -> None:

@@ -36,6 +36,16 @@ def wrong_starts(said: str, last: Comparison) -> list[str]:
     return found
 
 
+def wrong_channels(last: Comparison) -> list[str]:
+    """Channels whose unit, sign or zero seems to be another one than the experiment says, with the model of the answer."""
+    told: dict[str, list[str]] = {}
+    for name, record in last.records.items():
+        for slip in record.slips:
+            told.setdefault(slip, []).append(name)
+    found = [f"{listing(records)}: {slip}." for slip, records in told.items()]
+    return [*found, "If so, set it right and diagnose again: what is named was found with it as it is."] if found else []
+
+
 def closed_loops(first: Comparison) -> list[str]:
     """That inputs follow from outputs, once for each input, and what that means for the answer."""
     told = dict.fromkeys(note for record in first.records.values() for note in record.feedback)

@@ -22,7 +22,14 @@ from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
 from heavebond.diagnosis.adequacy import Adequacy
 from heavebond.diagnosis.alternatives import Alternative
-from heavebond.diagnosis.answer_notes import closed_loops, lost_candidates, residual_notes, search_limits, wrong_starts
+from heavebond.diagnosis.answer_notes import (
+    closed_loops,
+    lost_candidates,
+    residual_notes,
+    search_limits,
+    wrong_channels,
+    wrong_starts,
+)
 from heavebond.diagnosis.candidate_workers import working_on
 from heavebond.diagnosis.confirming import Confirming
 from heavebond.diagnosis.early_end import CALIBRATION, CURVES, EFFECTS, FURTHER, VALUES, before_search, so_far, was_ended
@@ -269,7 +276,7 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
                        evidence(come.steps, come.fixed, sheet_p_value(base)), bool(classes))
     if said in ("effect", "one_of", "mainly"):
         answer = replace(answer, words=(*told[:1], *resemblance(answer.events), *told[1:]))
-    return answer
+    return replace(answer, words=(*wrong_channels(rungs[-1].comparison), *answer.words))
 
 
 def _first_entries(experiment: Experiment, budget: Budget, say: Progress

@@ -118,8 +118,8 @@ class RecordComparison:
     """All channels of one record. `validate` is the held-out part of the record, where the experiment has no validation
     record, else None; `notes` are remarks on the interpretation of the values; `doubtful` are channels whose unit, sign or
     time seems to differ from that in the experiment; `starts` are those of the notes that tell of a state which begins
-    elsewhere in the record, `feedback` those on inputs that follow from outputs; `elsewhere` are the channels of which
-    `starts` tell."""
+    elsewhere in the record, `feedback` those on inputs that follow from outputs, `slips` those on units, signs and zeros of
+    channels; `elsewhere` are the channels of which `starts` tell."""
 
     name: str
     use: str
@@ -132,6 +132,7 @@ class RecordComparison:
     starts: tuple[str, ...] = ()
     feedback: tuple[str, ...] = ()
     elsewhere: tuple[str, ...] = ()
+    slips: tuple[str, ...] = ()
 
     @property
     def normalised(self) -> float:
@@ -264,11 +265,12 @@ def compare_record(experiment: Experiment, record: Record,
     elsewhere = _elsewhere(measured, states)
     starts = tuple(_start_note(c, measured.channels[c.name].output, steady) for c in elsewhere)
     closed = closed_loops(experiment, record, {c.name: (c.time, c.measured, c.model) for c in fitted.values()})
+    slipped = tuple(f"{name} {said}" for name, told in slips.items() for said in told)
     notes = (*_notes(measured, fitted, slips, held_inputs), *starts, *noise_notes(experiment, measured), *closed,
              *changes_of(result, states=False))
     doubtful = frozenset(fitted) - {name for name, told in slips.items() if not told and name not in measured.declared}
     return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, notes, doubtful, starts,
-                            closed, tuple(c.name for c in elsewhere))
+                            closed, tuple(c.name for c in elsewhere), slipped)
 
 
 def _states(assembly: Assembly, experiment: Experiment) -> list[str]:

@@ -129,12 +129,15 @@ def seems_in_another_unit(measured: Array, model: Array, unit: str, declared: Un
 
 
 def seems_of_another_sign(measured: Array, model: Array, formula: str) -> str | None:
-    """The likelier of both remarks below: of a model that is hardly ever above zero, a sensor that counts the other way and
-    one that cannot tell the direction show nearly the same."""
+    """A remark on the sign of a record. Of a model that is hardly ever above zero, a sensor that counts the other way and
+    one that cannot tell the direction show nearly the same: both are told, unless one explains clearly more."""
     turned, unsigned = seems_turned(measured, model, formula), seems_without_sign(measured, model, formula)
+    alike, sized = _likeness(measured, model)[1], _likeness(measured, np.abs(model))[1]
+    if unsigned and abs(sized + alike) <= UNIT_CHECKS.sign_gain:
+        return f"is never below 0 where the model is, and moves against it (correlation {number(alike, 3)}): if the " \
+            f"sensor counts the other way, write `is: -({formula})`; if it cannot tell the direction, `is: abs({formula})`"
     if turned and unsigned:
-        opposite = -_likeness(measured, model)[1]
-        return unsigned if _likeness(measured, np.abs(model))[1] > opposite + UNIT_CHECKS.sign_gain else turned
+        return unsigned if sized > -alike else turned
     return turned or unsigned
 
 
