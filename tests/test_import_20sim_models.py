@@ -607,6 +607,124 @@ def test_tables_from_files(tmp_path: Path) -> None:
     agree(run["Both.y"], exact[0], 1e-5)
 
 
+TABLE_2D = """constants
+ string dll_name = 'Table2D.dll';
+ string initialize_function_name = 'Table2DInit';
+ string function_name = 'TableRead';
+parameters
+ string file = 'map.txt';
+variables
+ real id, input [3];
+initialequations
+ "initialize the DLL with the table to use"
+ id = dll (dll_name, initialize_function_name, file);
+equations
+ input[1] = id;
+ input[2] = u[2];
+ input[3] = u[1];
+"""
+
+
+def test_tables_of_two_inputs_from_files(tmp_path: Path) -> None:
+    """`Table2D.dll` as the library of 20-sim calls it: a Lookup2, and one within equations; not without its file."""
+    from scipy.interpolate import RegularGridInterpolator
+
+    rows, columns = [0.0, 1.0, 2.5], [-1.0, 0.0, 0.5, 4.0]
+    values = np.array([[k * k - 3 * k * i + i for i in range(4)] for k in range(3)], dtype=float)
+    lines = ["\t".join(map(str, [0, *columns]))] + ["\t".join(map(str, [r, *v])) for r, v in zip(rows, values, strict=True)]
+    (tmp_path / "map.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (tmp_path / "short.txt").write_text("0 1 2\n1 2 3\n2 x 4\n", encoding="utf-8")
+    parts = (part("Place", "signal out y [2,1]", "equations\n y = [1 + 4 * sin (3 * time); 1.2 + 1.5 * cos (time)];")
+             + part("Map", "signal in u [2,1]; signal out y", TABLE_2D + " y = dll (dll_name, function_name, input);")
+             + part("Own", "signal in u [2,1]; signal out y",
+                    TABLE_2D + " y = 3 - dll (dll_name, function_name, [1; u[2]; u[1] / 2]);")
+             + part("Lost", "signal in u [2,1]; signal out y", TABLE_2D.replace("map", "lost") + " y = u[1];")
+             + part("Wrong", "signal in u [2,1]; signal out y", TABLE_2D.replace("map", "short") + " y = u[1];")
+             + part("Other", "signal in u [2,1]; signal out y", "equations\n y = dll ('other.dll', 'f', u[1]);"))
+    run = imported(tmp_path, parts, "; ".join(f"Place\\y -> {n}\\u" for n in ("Map", "Own", "Lost", "Wrong", "Other")), 4.0,
+                   untranslated=5)
+    table = RegularGridInterpolator((rows, columns), values)
+    first, second = 1 + 4 * np.sin(3 * run.time), 1.2 + 1.5 * np.cos(run.time)
+
+    def read(row: np.ndarray, column: np.ndarray) -> np.ndarray:
+        return table(np.stack([np.clip(row, 0, 2.5), np.clip(column, -1, 4)], axis=1))
+
+    agree(run["Map.y"], read(second, first))
+    agree(run["Own.y"], 3 - read(second, first / 2))
+    assert "{is: Lookup2, x_1: [0, 1, 2.5], x_2: [-1, 0, 0.5, 4], v: [" in (tmp_path / "out" / "m.yaml").read_text()
+    reasons = " ".join(u.reason for u in import_emx(tmp_path / "m.emx", frozenset(library().names())).untranslated)
+    assert "the table 'lost.txt' is not beside the model" in reasons and "not of numbers: 2 x 4" in reasons
+
+
+PROFILE = """parameters
+ real hidden period = 5;
+ integer nrTimes = 2;
+variables
+ real hidden fu, modTime, divTime, stroke, dllInput, localStrokeOffset, share;
+ integer hidden region, count;
+ real hidden dllOutput[3];
+initialequations
+ region = 0;
+ stroke = 1.0;
+ dllOutput = 0.0;
+code
+ modTime = time mod period;
+ divTime = time div period;
+ count = 1 + round (divTime);
+ if count <= nrTimes then
+  if modTime < 2 then
+   region = 1;
+   share = modTime / 2;
+  else
+   if modTime < 2 then
+    region = 2;
+    share = (modTime - 2) / 0;
+   else
+    if modTime < 3 then
+     region = 3;
+     share = (modTime - 2) / 1;
+    else
+     region = 4;
+     share = (modTime - 3) / 2;
+    end;
+   end;
+  end;
+  switch (region)
+   case 1 do
+    dllInput = share;
+    dllOutput = dll ('MotionProfiles.dll', 'ProfileFlat', dllInput);
+    localStrokeOffset = 0.25; stroke = 0;
+   case 2 do
+    dllInput = share;
+    dllOutput = dll ('MotionProfiles.dll', 'ProfileRamp', dllInput);
+    localStrokeOffset = 0.25; stroke = 0;
+   case 3 do
+    dllInput = share;
+    dllOutput = dll ('MotionProfiles.dll', 'ProfileRamp', dllInput);
+    localStrokeOffset = 0.25; stroke = 2;
+   case 4 do
+    dllInput = share;
+    dllOutput = dll ('MotionProfiles.dll', 'ProfileFlat', dllInput);
+    localStrokeOffset = 2.25; stroke = 0;
+  end;
+  fu = dllOutput[1];
+  position = localStrokeOffset + stroke * fu;
+ end;
+"""
+
+
+def test_flat_and_ramped_motion_profiles(tmp_path: Path) -> None:
+    """What the wizard of 20-sim writes: regions of time, one of them of no length, with a division by zero."""
+    run = imported(tmp_path, part("Profile", "signal out position", PROFILE)
+                   + part("Lag", "signal in u; signal out y", "equations\n y = int (u - y);"),
+                   "Profile\\position -> Lag\\u", 12.0)
+    inner = run.time % 5.0
+    exact = 0.25 + 2 * np.clip(inner - 2, 0, 1)
+    within = (run.time < 10) & (np.minimum(inner, 5 - inner) > 1e-6)
+    agree(run["Profile.position"][within], exact[within])
+    assert run["Profile.position"][-1] == pytest.approx(2.25)  # kept after both strokes
+
+
 def test_discrete_systems_have_sample_times_of_their_own(tmp_path: Path) -> None:
     """The experiment states a sample time beside one quantity of each system; other blocks have that of their system."""
     def chain(name: str) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from heavebond.import_20sim.choices import at_event
 from heavebond.import_20sim.sidops_tree import Expr
-from heavebond.import_20sim.tables import Table
+from heavebond.import_20sim.tables import Grid, Table
 
 
 @dataclass
@@ -61,7 +61,7 @@ class Component:
     junction: tuple[Ends, tuple[str, ...]] | None = None  # of a 1-junction: its bonds, and the outputs that are its flow
     shown: dict[str, str] = field(default_factory=dict)  # of plotted discrete variables: what they were at the last sample
     delay: tuple[Expr, str, str] | None = None  # the last one of a quantity by another: its result and both names
-    tables: dict[str, Table] = field(default_factory=dict)  # by the beginning of the names of their lists
+    tables: dict[str, Table | Grid] = field(default_factory=dict)  # by the beginning of the names of their lists
 
     def of_kind(self, *kinds: str) -> list[Item]:
         return [item for item in self.items.values() if item.kind in kinds]
@@ -73,14 +73,17 @@ class Component:
             k, found = k + 1, f"{base}_{k + 1}"
         return found
 
-    def on(self, name: str, when: dict[str, str], then: Mapping[str, Expr]) -> None:
-        """Set values at an instant; what happens at the same instant is one event, unless both set the same variable."""
+    def on(self, name: str, when: dict[str, str], then: Mapping[str, Expr]) -> str:
+        """Set values at an instant, by an event whose name is returned: that of others at the same instant, unless both set
+        the same variable."""
         then = {name: at_event(value, None) for name, value in then.items()}
-        for event in self.events.values():
+        for own, event in self.events.items():
             if event.when == when and not set(event.then) & set(then):
                 event.then.update(then)
-                return
-        self.events[self.fresh(name)] = Event(when, dict(then))
+                return own
+        own = self.fresh(name)
+        self.events[own] = Event(when, dict(then))
+        return own
 
     def hold(self, base: str, unit: str, doc: str, first: Expr) -> str:
         """A new held variable with its first value."""

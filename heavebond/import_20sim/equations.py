@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import partial
-from pathlib import Path, PureWindowsPath
+from pathlib import Path
 from types import MappingProxyType
 
 from heavebond.import_20sim import formula_text as f
@@ -37,6 +37,8 @@ from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.declarations import Symbols
 from heavebond.import_20sim.execution import Env, Execution
 from heavebond.import_20sim.expressions_parser import Unreadable
+from heavebond.import_20sim.external import External
+from heavebond.import_20sim.jumps import Kept, keep_values_before_jumps
 from heavebond.import_20sim.knots import collected, knot_equations, knot_value, one_junction
 from heavebond.import_20sim.matrices import Matrix
 from heavebond.import_20sim.memory import Memory
@@ -45,7 +47,6 @@ from heavebond.import_20sim.names import camel, identifier
 from heavebond.import_20sim.passed_conditions import moves, passed
 from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, Statement, Submodel
 from heavebond.import_20sim.splitting import read_held, share_repeated, split_deep
-from heavebond.import_20sim.tables import read_table
 
 NO_EFFECT = {"warning", "stopsimulation", "effortincausality", "flowincausality", "seed"}  # on the solution of the equations
 
@@ -71,14 +72,16 @@ class Builder(Execution):
         self.symbols = Symbols(submodel, self.made, self.memory, ends, known, stated)
         self.source, self.evaluate, self.numbers = self.symbols.source, self.symbols.evaluate, self.symbols.numbers
         self.evaluate.knots = partial(knot_value, self.symbols)
-        self.folder, self.evaluate.table, self.evaluate.final = folder, self._table, self._final
+        self.evaluate.final = self._final
         everything = (*submodel.parameters, *self.source.parameters, *self.source.constants)
         declared = {identifier(d.name): d.value.name for d in everything if d.kind == "string" and d.value is not None}
-        self.texts = {**declared, **texts}
+        outside = External(self.made, self.memory, folder, {**declared, **texts})
+        self.evaluate.table, self.evaluate.external = outside.table, outside.function
         self.labels: dict[str, str] = {}  # the quantities by the names of their elements
         self.triggers: Env = {}  # variables that are events
         self.start: Env = {}  # what the initial equations assign
         self.assigned: Env = {}  # what the statements assign whose results are written now
+        self.followed: list[Kept] = []  # branches whose last value is kept
         self.momentary: Env = {}  # of these, what branches assign that end themselves
 
     def build(self) -> Component:
@@ -102,6 +105,7 @@ class Builder(Execution):
         else:
             self.memory.keep_samples({name for name, label in self.labels.items() if label in self.sampled})
             made.junction = one_junction(self.symbols)
+            keep_values_before_jumps(made, self.followed)
             read_held(made)
             split_deep(made)
             share_repeated(made)
@@ -192,7 +196,8 @@ class Builder(Execution):
                     if value is None or item is None or item.kind not in ("variable", "out") or value.op == "number" or \
                             triggers(value):
                         continue
-                    final[key], env[key] = value, f.name(key)
+                    final[key] = self.evaluate.defined[key] = value
+                    env[key] = f.name(key)
         return {**env, **final}
 
     def _used(self) -> set[str]:
@@ -265,7 +270,8 @@ class Builder(Execution):
                not {name, self.labels.get(name, name)} & {*read, *self.plotted}]
         found = without_memory(env, own, {n for n, kind in kinds.items() if kind == "parameter"})
         for name in own:
-            if keeps(env[name], name) and found[name].op == "if" and f.number(0) in found[name].args[1:]:
+            if keeps(env[name], name) and not keeps(found[name], name) and found[name].op == "if" and \
+                    f.number(0) in found[name].args[1:]:
                 self.said.setdefault(self.labels.get(name, name), []).append("0 where no branch assigns it")
         return found
 
@@ -364,21 +370,6 @@ class Builder(Execution):
         kinds = {item.kind if (item := self.made.items.get(e.name)) else "" for row in found for e in row}
         return found if found and kinds <= {"variable", "out"} else None
 
-    def _table(self, name: Expr, value: Expr) -> Expr:
-        """A value of a table in a file, whose name is a text or a parameter."""
-        text = name.name if name.op == "text" else self.texts.get(identifier(name.name), "") if name.op == "name" else ""
-        if self.folder is None or not text:
-            raise Unreadable(name.line, "the name of the table's file is not known")
-        points = read_table(self.folder, text, name.line)
-        label = next((n for n, known in self.made.tables.items() if known == points), None)
-        if label is None:
-            label = self.made.fresh(identifier(PureWindowsPath(text).stem))
-            while label in self.made.tables or any(f"{label}_{kind}" in self.made.items for kind in "nxv"):
-                label += "_table"
-            self.made.tables[label] = points
-            self.memory.note(name.line, f"outside its points, the table '{PureWindowsPath(text).name}' is constant")
-        return Expr("table", (value,), label)
-
     # -- results -----------------------------------------------------------------------------------------------------
     def _results(self, env: Env, start: Env, written: set[str]) -> None:
         self.momentary = with_conditions_before(env)
@@ -444,7 +435,8 @@ class Builder(Execution):
             left = Expr("and", (simplified(Expr("not", (condition,))), Expr("==", (f.name(flag), f.number(1)))))
             self.made.on("at_start", {"at": "0"}, {flag: Expr("if", (condition, f.number(1), f.number(0)))})
             self.made.on(f"{name}_begins", {"condition": f.text(condition)}, {flag: f.number(1)})
-            self.made.on(f"{name}_ends", {"condition": f.text(left)}, {kept: leaf, flag: f.number(0)})
+            ends = self.made.on(f"{name}_ends", {"condition": f.text(left)}, {kept: leaf, flag: f.number(0)})
+            self.followed.append(Kept(kept, flag, ends, condition, leaf))
 
     def _held(self, name: str, item: Item, value: Expr, first: Expr, said: str) -> None:
         """A variable that keeps its value: held, and set by events."""

@@ -25,6 +25,7 @@ MEMBERS = {"power": ("e", "f"), "hydraulic": ("p", "phi"), "translation": ("F", 
            "petrinet": ("e", "f"), "pseudohydraulic": ("p", "dm"), "pseudopneumatic": ("p", "dm"),
            "pseudothermalh": ("T", "dH"), "electrical": ("u", "i")}
 MOST_ELEMENTS = 2000
+OUTSIDE = "where an index that the run decides lies outside its vector, the first or the last element is used"
 
 
 class Calculus(Protocol):
@@ -52,6 +53,9 @@ class Evaluator:
     make: Calculus
     values: dict[str, Expr] = field(default_factory=dict)  # elements that have been assigned before
     table: Callable[[Expr, Expr], Expr] = lambda name, _: _no_table(name)
+    external: Callable[[Expr, Evaluator], Matrix] = lambda call, _: _unknown(call)  # a function of a compiled library
+    defined: dict[str, Expr] = field(default_factory=dict)  # what variables stand for that stand by their name
+    indexed: bool = False  # whether an index that the run decides has been listed
     final: Callable[[Expr], Matrix | None] = lambda _: None  # the variables of a name, whatever has been assigned before
     knots: Callable[[Expr], Matrix | None] = lambda _: None  # the value of `sum (direct (p.f))` or `first (p.e)` at a knot
 
@@ -149,6 +153,7 @@ class Evaluator:
             base = [[e] for e in base[0]]
         columns = self._range(expr.args[2], len(base[0])) if len(expr.args) > 2 else [0]
         if expr.args[1].op != "range" and fold(index := self.scalar(expr.args[1]), self.numbers) is None:
+            self._note_index(index, len(base), expr.line)
             return [[_chosen(index, [row[k] for row in base]) for k in columns]]
         rows = self._range(expr.args[1], len(base))
         return [[base[i][k] for k in columns] for i in rows]
@@ -180,11 +185,30 @@ class Evaluator:
         """The positions that an index may name, with the condition for each where the run decides it."""
         if index.op == "range" or fold(value := self.scalar(index), self.numbers) is not None:
             return [(k, None) for k in self._range(index, size)]
+        self._note_index(value, size, index.line)
         found: list[tuple[int, Expr | None]] = []
         for k in range(size):
             above, below = Expr(">", (value, f.number(k + 0.5))), Expr("<", (value, f.number(k + 1.5)))
             found.append((k, below if k == 0 else above if k == size - 1 else Expr("and", (above, below))))
         return found
+
+    def _note_index(self, index: Expr, size: int, line: int) -> None:
+        """List once that an index may lie outside 1 to `size`."""
+        least, most = self._between(index)
+        if not self.indexed and not (least > 0.5 and most < size + 0.5):
+            self.make.note(line, OUTSIDE)
+            self.indexed = True
+
+    def _between(self, expr: Expr) -> tuple[float, float]:
+        """Bounds of a value that is chosen among numbers, or a sum of such; infinite where they are not known."""
+        if (value := fold(expr, self.numbers)) is not None:
+            return value, value
+        if expr.op == "name" and expr.name in self.defined:
+            return self._between(self.defined[expr.name])
+        if expr.op in ("if", "+", "-") and expr.size < MOST_ELEMENTS:
+            (a, b), (c, d) = (self._between(e) for e in expr.args[-2:])
+            return (min(a, c), max(b, d)) if expr.op == "if" else (a + c, b + d) if expr.op == "+" else (a - d, b - c)
+        return -math.inf, math.inf
 
     def _range(self, expr: Expr, size: int) -> list[int]:
         first, last = expr.args if expr.op == "range" else (expr, expr)
@@ -199,8 +223,10 @@ class Evaluator:
             return at_knot
         if name == "table" and len(expr.args) == 2:
             return [[self.table(expr.args[0], self.scalar(expr.args[1]))]]
+        if name == "dll":
+            return self.external(expr, self)
         if name in EXTERNAL:
-            raise Unreadable(expr.line, f"`{expr.name}`: {EXTERNAL[name]}")
+            return _unknown(expr)
         if name in ("int", "ddt"):
             inner = self(expr.args[0])
             first = self(expr.args[1]) if len(expr.args) > 1 and name == "int" else None
@@ -282,6 +308,10 @@ class Evaluator:
 
 def _no_table(name: Expr) -> Expr:
     raise Unreadable(name.line, "there are no files beside the model")
+
+
+def _unknown(call: Expr) -> Matrix:
+    raise Unreadable(call.line, f"`{call.name}`: {EXTERNAL[call.name.lower()]}")
 
 
 EXTERNAL = {"dll": "a function of a compiled library (DLL), whose law the model does not hold, is not translated",

@@ -97,6 +97,15 @@ def _text(expr: Expr) -> tuple[str, int]:
         name, of = expr.name, _within(expr.args[0], ADD + 1)
         place = f"min(max(({of} - {name}_x[i])/({name}_x[i + 1] - {name}_x[i]), 0), 1)"
         return f"{name}_v[1] + sum(({name}_v[i + 1] - {name}_v[i])*{place} for i in 1..{name}_n - 1)", ADD
+    if op == "table2":  # bilinear between its points, constant outside, as Lookup2
+        n, u, w = expr.name, *(_within(e, ADD + 1) for e in expr.args)
+        s = f"min(max(({u} - {n}_x[i])/({n}_x[i + 1] - {n}_x[i]), 0), 1)"
+        t = f"min(max(({w} - {n}_y[j])/({n}_y[j + 1] - {n}_y[j]), 0), 1)"
+        m, v = f"{n}_m", f"{n}_v"
+        cell = f"{v}[i*{m} + j + 1] - {v}[i*{m} + j] - {v}[(i - 1)*{m} + j + 1] + {v}[(i - 1)*{m} + j]"
+        return (f"{v}[1] + sum(({v}[i*{m} + 1] - {v}[(i - 1)*{m} + 1])*{s} for i in 1..{n}_n - 1)"
+                f" + sum(({v}[j + 1] - {v}[j])*{t} for j in 1..{m} - 1)"
+                f" + sum(sum(({cell})*{s}*{t} for j in 1..{m} - 1) for i in 1..{n}_n - 1)"), ADD
     if op == "call":
         return f"{expr.name}({', '.join(_value(e) for e in expr.args)})", ATOM
     if op == "if":

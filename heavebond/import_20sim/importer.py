@@ -278,7 +278,8 @@ class _Writer:
     @staticmethod
     def _tables(made: Component, names: dict[str, str]) -> list[tuple[str, str]]:
         return [(names.get(kind, f"{name}_{kind}"), numbers(points, "s" if names.get(kind) == "t" else ""))
-                for name, table in made.tables.items() for kind, points in zip("xv", table, strict=True)]
+                for name, table in made.tables.items()
+                for kind, points in zip("xyv" if len(table) == 3 else "xv", table, strict=True)]
 
     def _values(self, part: Part, path: str) -> list[tuple[str, str]]:
         """The values of a part that are not the defaults of its file."""

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from heavebond.import_20sim import formula_text as f
-from heavebond.import_20sim.choices import rebuilt
+from heavebond.import_20sim.choices import names, rebuilt, simplified, triggers
 from heavebond.import_20sim.component import Component
 from heavebond.import_20sim.sidops_tree import Expr
 
 WHOLE = 0.5  # apart, whole numbers are not equal
+COMPARISONS = {"==", "!=", "<", ">", "<=", ">="}
 CLOSE = 1e-9  # of values that change continuously and count as equal
 
 
@@ -24,13 +25,41 @@ def moves(made: Component, expr: Expr) -> bool:
 def passed(made: Component, assigned: Mapping[str, Expr], expr: Expr) -> Expr:
     """A condition of an event, where equality of what moves is nearness: of whole numbers within a half, of what changes
     continuously within what counts as equal, such as a limit that it has reached. `assigned` are values by variable that are
-    not yet among the equations."""
+    not yet among the equations. A comparison of a number with a variable that is one of several numbers, such as that of a
+    region, becomes the conditions for these, which pass continuously."""
+    if expr.op in COMPARISONS and (chosen := _by_choice(made, assigned, expr)) is not None:
+        return passed(made, assigned, chosen)
     if expr.op in ("==", "!=") and any(moves(made, e) for e in expr.args):
         left, right = expr.args
         within = CLOSE if any(_continuous(made, assigned, e, ()) for e in expr.args) else WHOLE
         near = Expr("<", (f.call("abs", f.add(left, f.negative(right))), f.number(within)))
         return near if expr.op == "==" else Expr("not", (near,))
     return rebuilt(expr, lambda e: passed(made, assigned, e))
+
+
+def _by_choice(made: Component, assigned: Mapping[str, Expr], expr: Expr) -> Expr | None:
+    """A comparison of a number with a variable that is chosen among numbers, as a condition of the choice."""
+    left, right = expr.args
+    variable, number = (left, right) if right.op == "number" else (right, left)
+    item = made.items.get(variable.name) if variable.op == "name" else None
+    if number.op != "number" or item is None or item.kind not in ("variable", "out"):
+        return None
+    value = assigned.get(variable.name) or next((b for a, b, _ in made.equations if a == variable), variable)
+    if value.op != "if" or not _all_numbers(value) or triggers(value) or variable.name in names(value):
+        return None
+
+    def condition(e: Expr) -> Expr:
+        if e.op == "number":
+            return Expr(expr.op, (e, right) if variable is left else (left, e))
+        first, then, otherwise = e.args[0], condition(e.args[1]), condition(e.args[2])
+        return Expr("or", (Expr("and", (first, then)), Expr("and", (Expr("not", (first,)), otherwise))))
+
+    found = simplified(condition(value))
+    return None if found.op == "number" else found
+
+
+def _all_numbers(expr: Expr) -> bool:
+    return expr.op == "number" or (expr.op == "if" and all(map(_all_numbers, expr.args[1:])))
 
 
 def _continuous(made: Component, assigned: Mapping[str, Expr], expr: Expr, seen: tuple[str, ...]) -> bool:

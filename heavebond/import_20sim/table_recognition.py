@@ -17,9 +17,13 @@ SAME = 1e-9  # of the range of the values
 
 
 def table_match(made: Component) -> Match | None:
-    """A component that is nothing but a table of its input or of the time."""
-    if made.events or made.untranslated or made.gives or len(made.of_kind("out")) != 1 or len(made.of_kind("in")) > 1 or \
-            made.of_kind("bond", "held") or made.initial:
+    """A component that is nothing but a table of its inputs or of the time."""
+    if made.events or made.untranslated or made.gives or len(made.of_kind("out")) != 1 or made.of_kind("bond", "held") or \
+            made.initial:
+        return None
+    if [len(table) for table in made.tables.values()] == [3]:
+        return _of_grid(made)
+    if len(made.of_kind("in")) > 1:
         return None
     if not made.tables:
         return _of_matrix(made)
@@ -32,6 +36,23 @@ def table_match(made: Component) -> Match | None:
     if given == "time" and len(made.items) == 1:
         return _match(made, "time")
     return _match(made, given) if given in made.items and made.items[given].kind == "in" else None
+
+
+def _of_grid(made: Component) -> Match | None:
+    """A component whose output is a table of its two inputs."""
+    formulas = {left.name: right for left, right, _ in made.equations if left.op == "name"}
+    inputs, output = [item.name for item in made.of_kind("in")], made.of_kind("out")[0].name
+    value, given = formulas.get(output), []
+    if value is None or value.op != "table2" or made.shared:
+        return None
+    for e in value.args:
+        while e.op == "name" and e.name in formulas:
+            e = formulas[e.name]
+        given.append(e.name if e.op == "name" else "")
+    if sorted(given) != sorted(inputs) or len(set(given)) != 2:
+        return None
+    return Match("Lookup2", {output: "y", given[0]: "u_1", given[1]: "u_2"}, {}, {}, {},
+                 lists={"x": "x_1", "y": "x_2", "v": "v"})
 
 
 def _match(made: Component, given: str) -> Match:

@@ -49,7 +49,14 @@ def _declared(made: Component, defaults: bool) -> list[str]:
         tables = made.tables if title == "parameters" else {}
         if items or tables:
             lines.append(f"{title}:")
-        for name in tables:
+        for name, table in tables.items():
+            if len(table) == 3:
+                lines += [f"  {name}_n: {{integer, min: 2, doc: rows of the table {name}}}",
+                          f"  {name}_m: {{integer, min: 2, doc: columns of the table {name}}}",
+                          f"  {name}_x: {{unit: 1, count: {name}_n, doc: inputs of the rows}}",
+                          f"  {name}_y: {{unit: 1, count: {name}_m, doc: inputs of the columns}}",
+                          f"  {name}_v: {{unit: 1, count: {name}_n*{name}_m, doc: values row by row}}"]
+                continue
             lines += [f"  {name}_n: {{integer, min: 2, doc: points of the table {name}}}",
                       f"  {name}_x: {{unit: 1, count: {name}_n, doc: inputs of the points}}",
                       f"  {name}_v: {{unit: 1, count: {name}_n, doc: values at the points}}"]

@@ -1,0 +1,98 @@
+"""Values that a branch keeps where what it assigns jumps at the instant at which the branch ends: those before the jump."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.choices import names, rebuilt
+from heavebond.import_20sim.component import Component, Event, Item
+from heavebond.import_20sim.sidops_tree import Expr
+
+AT_START = {"at": "0"}
+WORDS = {"and", "or", "not", "abs"}
+SHORT = 40  # characters of a value that is written out in each event
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A branch that assigns `value` while `condition` holds: the held variable with its last value, the one that is 1 while
+    the branch assigns it, and the event that ends it."""
+
+    name: str
+    flag: str
+    event: str
+    condition: Expr
+    value: Expr
+
+
+def keep_values_before_jumps(made: Component, branches: list[Kept]) -> None:
+    """Where an event that may end a branch also changes what the branch assigns, let the branch keep the value before: it is
+    stored by the first event of an instant, and the end of the branch at the same instant leaves it as it is."""
+    formulas = {left.name: right for left, right, _ in made.equations if left.op == "name"}
+    held = {item.name for item in made.of_kind("held")}
+    own = {label for branch in branches for label in (branch.name, branch.flag)}
+    for branch in branches:
+        changed = (_reached(names(branch.value), formulas) & held) - own
+        ending = _setting(made, (_reached(names(branch.condition), formulas) & held) - own, formulas) if changed else []
+        inputs = {n for event in ending for n in _reached(_words(event), formulas)} - held - set(formulas) - WORDS
+        jumps = [e for e in made.events.values() if set(e.then) & changed and e.when != AT_START
+                 and (any(e is other for other in ending) or inputs & _reached(_words(e), formulas))]
+        if jumps:
+            _store(made, branch, jumps)
+
+
+def _store(made: Component, branch: Kept, jumps: list[Event]) -> None:
+    """Let the first of several events at an instant store the value of a branch."""
+    value = branch.value
+    if len(f.text(value)) > SHORT:
+        name = made.fresh(f"{branch.name.removesuffix('_kept')}_value")
+        made.items[name] = Item(name, "variable", "", f"what the branch assigns that {branch.name} keeps")
+        made.equations = [(left, _replaced(right, value, f.name(name)), said) for left, right, said in made.equations]
+        made.equations.append((f.name(name), value, ""))
+        value = f.name(name)
+    instant = f"{branch.name}_at"
+    if instant not in made.items:
+        made.hold(instant, "", f"when an event stored {branch.name}", f.number(-1))
+    later = Expr(">", (f.name("time"), f.name(instant)))
+    end = made.events[branch.event].then
+    end[branch.name] = Expr("if", (later, value, f.name(branch.name)))
+    for event in jumps:
+        assigned = Expr("and", (later, Expr("==", (f.name(branch.flag), f.number(1)))))
+        event.then[branch.name] = Expr("if", (assigned, value, event.then.get(branch.name, f.name(branch.name))))
+        event.then[instant] = f.name("time")
+
+
+def _replaced(expr: Expr, old: Expr, new: Expr) -> Expr:
+    return new if expr == old else rebuilt(expr, lambda e: _replaced(e, old, new)) if expr.args else expr
+
+
+def _words(event: Event) -> list[str]:
+    """The names in what lets an event happen."""
+    return [n for text in event.when.values() for n in re.findall(r"[A-Za-z_][A-Za-z0-9_]*", text)]
+
+
+def _setting(made: Component, wanted: set[str], formulas: dict[str, Expr]) -> list[Event]:
+    """The events that set some of these variables, or those by whose values these events happen."""
+    found: list[Event] = []
+    more = True
+    while more:
+        more = False
+        for event in made.events.values():
+            if set(event.then) & wanted and event.when != AT_START and not any(event is e for e in found):
+                found.append(event)
+                wanted, more = wanted | _reached(_words(event), formulas), True
+    return found
+
+
+def _reached(labels: Iterable[str], formulas: dict[str, Expr]) -> set[str]:
+    """These names, and those in the equations of these variables."""
+    left, seen = list(labels), set[str]()
+    while left:
+        name = left.pop()
+        if name not in seen:
+            seen.add(name)
+            left += names(formulas[name]) if name in formulas else ()
+    return seen
