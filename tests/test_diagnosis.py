@@ -177,8 +177,9 @@ def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) 
     # or by several times what the better one leaves; near the noise, of what is called near
     assert alike(small, 0.9 * DECISION.times * small) and not alike(small, 1.1 * DECISION.times * small)
     assert alike(0.4, 0.9 * DECISION.times * 0.5) and not alike(0.4, 1.1 * DECISION.times * 0.5)
-    stiffness = fit(stage.following(made)).parameters[-1]  # 1e6 N/m, sought from 1e4 to 1e10: near neither end
+    stiffness, loss = fit(stage.following(made)).parameters[-2:]  # 1e6 N/m, sought from 1e4 to 1e10: near neither end
     assert stiffness.name == "series_compliance.c" and not stiffness.at_bound
+    assert loss.name == "series_compliance.T_d"
 
 
 def test_a_channel_of_noise_alone_is_no_error(tmp_path: Path) -> None:

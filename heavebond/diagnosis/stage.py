@@ -331,13 +331,14 @@ def refines(trial: Refit, laws: Iterable[Refit]) -> bool:
 
 def _needless(trial: Refit, simpler: Refit) -> bool:
     """Whether this law refines a simpler one at the same place that leaves no more, but for chance: where both are of one
-    class, and where an amplitude of it is not shown (play whose gap has closed in the fit is the compliance beside it). A
-    law of another class whose amplitudes are shown is another explanation, however many numbers it has. That no law is exact
-    is no excuse for one that could bend further."""
+    class and it has more numbers, and where an amplitude of it is not shown (play whose gap has closed in the fit is the
+    compliance beside it, however many numbers shape that). A law of another class whose amplitudes are shown is another
+    explanation, however many numbers it has. That no law is exact is no excuse for one that could bend further."""
     fit = (simpler.cost - trial.cost) / max(1.0, trial.chi2_fit)
-    refines = same_class(trial.candidate.kind, simpler.candidate.kind) or bool(trial.unshown)
-    return refines and set(trial.candidate.where) == set(simpler.candidate.where) and trial.unknowns > simpler.unknowns \
-        and fit < EARNED \
+    more = trial.unknowns > simpler.unknowns
+    refines = more and same_class(trial.candidate.kind, simpler.candidate.kind) \
+        or bool(trial.unshown) and (more or not simpler.unshown)
+    return refines and set(trial.candidate.where) == set(simpler.candidate.where) and fit < EARNED \
         and not fallen(simpler.chi2_held_out, trial.chi2_held_out, trial.samples_held_out) > EARNED  # (NaN: none held out)
 
 
