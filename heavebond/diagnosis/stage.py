@@ -336,8 +336,8 @@ def _needless(trial: Refit, simpler: Refit) -> bool:
     explanation, however many numbers it has. That no law is exact is no excuse for one that could bend further."""
     fit = (simpler.cost - trial.cost) / max(1.0, trial.chi2_fit)
     more = trial.unknowns > simpler.unknowns
-    refines = more and same_class(trial.candidate.kind, simpler.candidate.kind) \
-        or bool(trial.unshown) and (more or not simpler.unshown)
+    refines = (more and same_class(trial.candidate.kind, simpler.candidate.kind)) \
+        or (bool(trial.unshown) and (more or not simpler.unshown))
     return refines and set(trial.candidate.where) == set(simpler.candidate.where) and fit < EARNED \
         and not fallen(simpler.chi2_held_out, trial.chi2_held_out, trial.samples_held_out) > EARNED  # (NaN: none held out)
 
