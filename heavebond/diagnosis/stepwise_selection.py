@@ -47,6 +47,7 @@ from heavebond.estimation.experiment import Experiment
 MOST = 5  # effects
 WAYS = 3  # ladders that are followed side by side,
 FOLLOWED = 0.5  # those that take this share of what the best takes away
+BEGUN = 0.5  # share of the time of a step that must be left for the next, which begins near its end and may reach the noise
 DECISIVE = 10.0  # what another effect must be better by to take the place of one that was found (as in `rung.indistinct`)
 
 
@@ -102,8 +103,8 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
                     ) -> tuple[Selection, Stage]:
     """The ladder of at most `most` effects that leaves least, and the last step that was made from its last rung (with the
     chosen effect on it, or with none that is worth it); `stepping` makes a step on an experiment, the ladder that leads
-    there given, and `calibrating` one of calibration errors alone. A further step begins only where as much time is `left`
-    (s) as the step before took, and one that the time cuts short counts only where it reaches the noise."""
+    there given, and `calibrating` one of calibration errors alone. A further step begins only where `BEGUN` of the time that
+    the step before took is `left` (s), and one that the time cuts short counts only where it reaches the noise."""
     last = stepping(experiment, ())
     if last.chosen is not None and last.chosen.absent and not last.partial:  # what is free was fitted into a wrong valley
         last = stepping(at_values_of(last.chosen, experiment), ())
@@ -115,7 +116,7 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
             break
         steps: list[tuple[Stage, list[Selection]]] = []
         for way in _promising(ways, base):
-            if left() < way[-1].step.seconds:
+            if left() < BEGUN * way[-1].step.seconds:
                 break
             try:
                 made = stepping(following(way[-1].step), way)
