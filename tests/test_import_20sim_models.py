@@ -607,6 +607,21 @@ def test_tables_from_files(tmp_path: Path) -> None:
     agree(run["Both.y"], exact[0], 1e-5)
 
 
+def test_a_sum_of_vectors_without_a_subtrahend(tmp_path: Path) -> None:
+    """A knot of signals whose port `minus` has no connection counts as 0 for each element; sizes that differ are listed."""
+    ports = "".join(f"signal knot duplicatable in {name} [3,1]; " for name in ("plus", "minus")) + "signal knot out y [3,1]"
+    knot = part("Sum", ports, "equations\n y = sum (collect (plus)) - sum (collect (minus));", knot=True, kind="PlusMinus")
+    parts = (part("A", "signal out y [3,1]", "equations\n y = [1; time; 3];")
+             + part("B", "signal out y [3,1]", "equations\n y = [10; 20; 30 * time];") + knot
+             + part("Lag", "signal in u [3,1]; signal out y [3,1]", "equations\n y = int (u - y, [1; 2; 3]);")
+             + part("Wrong", "signal in u [3,1]; signal out z [2,1]", "equations\n z = 2 * u;"))
+    run = imported(tmp_path, parts, "A\\y -> Sum\\plus; B\\y -> Sum\\plus; Sum\\y -> Lag\\u; A\\y -> Wrong\\u", 2.0,
+                   untranslated=1)
+    exact = solved(lambda t, x: [11 - x[0], t + 20 - x[1], 3 + 30 * t - x[2]], [1, 2, 3], run)
+    for k in range(3):
+        agree(run[f"Lag.y_{k + 1}"], exact[k])
+
+
 TABLE_2D = """constants
  string dll_name = 'Table2D.dll';
  string initialize_function_name = 'Table2DInit';

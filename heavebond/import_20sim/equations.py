@@ -35,6 +35,7 @@ from heavebond.import_20sim.choices import (
 )
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.declarations import Symbols
+from heavebond.import_20sim.evaluate import spread
 from heavebond.import_20sim.execution import Env, Execution
 from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.external import External
@@ -287,8 +288,8 @@ class Builder(Execution):
             raise Unreadable(statement.line, f"`{statement.call.name}` is not translated")
 
     def _pairs(self, left: Matrix, right: Matrix, comment: str = "") -> None:
-        a, b = [e for row in left for e in row], [e for row in right for e in row]
-        for k, (x, y) in enumerate(zip(a, b if len(b) == len(a) else b * len(a), strict=False)):
+        a = [e for row in left for e in row]
+        for k, (x, y) in enumerate(zip(a, spread(right, len(a), self.submodel.line), strict=True)):
             y = between_events(y)
             sides = (x.args[0], f.negative(y)) if x.op == "negative" else (x, y)
             self.made.equations.append((*sides, "" if k else comment))
@@ -346,11 +347,10 @@ class Builder(Execution):
                 self._initial(target, first)
             self._pairs([[f.call("der", e) for e in row] for row in target], self.evaluate(right), comment)
             return
-        values = [e for row in self.evaluate(right) for e in row]
         elements = [e for row in target for e in row]
-        begins = [e for row in first for e in row]
-        starts = {e.name: begins[k] if len(begins) > 1 else begins[0] for k, e in enumerate(elements)}
-        for e, value in zip(elements, values if len(values) == len(elements) else values * len(elements), strict=False):
+        values, begins = (spread(m, len(elements), left.line) for m in (self.evaluate(right), first))
+        starts = {e.name: begins[k] for k, e in enumerate(elements)}
+        for e, value in zip(elements, values, strict=True):
             item = self.made.items.get(e.name)
             if item is None or item.kind != "variable":
                 raise Unreadable(left.line, "`next` sets variables only")
@@ -359,9 +359,8 @@ class Builder(Execution):
             self.memory.sampled({e.name: value})
 
     def _initial(self, target: Matrix, values: Matrix) -> None:
-        flat = [e for row in values for e in row]
         elements = [e for row in target for e in row]
-        for e, value in zip(elements, flat if len(flat) == len(elements) else flat * len(elements), strict=False):
+        for e, value in zip(elements, spread(values, len(elements), self.submodel.line), strict=True):
             self.made.initial[f.text(e)] = value
 
     def _final(self, expr: Expr) -> Matrix | None:

@@ -93,14 +93,14 @@ class Evaluator:
             return self._call(expr)
         if op == "if":
             condition, then, otherwise = self.scalar(expr.args[0]), self(expr.args[1]), self(expr.args[2])
-            return _each(lambda a, b: Expr("if", (condition, a, b)), then, otherwise, expr.line)
+            return each(lambda a, b: Expr("if", (condition, a, b)), then, otherwise, expr.line)
         if op == "*":
             return _product(self(expr.args[0]), self(expr.args[1]), expr.line)
         if op in ("negative", "not"):
             return [[f.negative(e) if op == "negative" else Expr("not", (e,)) for e in row] for row in self(expr.args[0])]
         if op in ("text", "range"):
             raise Unreadable(expr.line, "a text stands where a number is needed")
-        return _each(lambda a, b: self._pair(op, a, b, expr.line), self(expr.args[0]), self(expr.args[1]), expr.line)
+        return each(lambda a, b: self._pair(op, a, b, expr.line), self(expr.args[0]), self(expr.args[1]), expr.line)
 
     def _pair(self, op: str, a: Expr, b: Expr, line: int) -> Expr:
         if op in (".*", "./"):
@@ -361,7 +361,16 @@ def _number(expr: Expr) -> Expr:
     return Expr("if", (expr, f.number(1), f.number(0)))
 
 
-def _each(pair: Callable[[Expr, Expr], Expr], a: Matrix, b: Matrix, line: int) -> Matrix:
+def spread(values: Matrix, count: int, line: int) -> list[Expr]:
+    """The elements of a matrix, of which one counts for all."""
+    flat = [e for row in values for e in row]
+    if len(flat) not in (1, count):
+        raise Unreadable(line, f"{len(flat)} elements stand where {count} are needed")
+    return flat if len(flat) == count else flat * count
+
+
+def each(pair: Callable[[Expr, Expr], Expr], a: Matrix, b: Matrix, line: int) -> Matrix:
+    """A function of two elements, for each; a matrix that is a number counts for all elements of the other one."""
     return [[pair(x, y) for x, y in row] for row in _pairs(a, b, line)]
 
 
@@ -378,7 +387,7 @@ def _pairs(a: Matrix, b: Matrix, line: int) -> list[list[tuple[Expr, Expr]]]:
 
 def _product(a: Matrix, b: Matrix, line: int) -> Matrix:
     if (len(a) == 1 and len(a[0]) == 1) or (len(b) == 1 and len(b[0]) == 1):
-        return _each(f.multiply, a, b, line)
+        return each(f.multiply, a, b, line)
     if len(a[0]) != len(b):
         raise Unreadable(line, "the sizes of a matrix product do not match")
     return product(a, b)

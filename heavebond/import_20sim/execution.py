@@ -8,7 +8,7 @@ from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.assignments import assigned
 from heavebond.import_20sim.choices import decided, simplified
 from heavebond.import_20sim.component import Component
-from heavebond.import_20sim.evaluate import Evaluator, fold
+from heavebond.import_20sim.evaluate import Evaluator, fold, spread
 from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.memory import Memory
 from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, For, If, Statement, While
@@ -91,8 +91,8 @@ class Execution:
         values = self.evaluate(statement.right)
         self.evaluate.values = {}
         target = self.evaluate(statement.left)
-        flat, elements = [e for row in values for e in row], [e for row in target for e in row]
-        for e, v in zip(elements, flat if len(flat) == len(elements) else flat * len(elements), strict=False):
+        elements = [e for row in target for e in row]
+        for e, v in zip(elements, spread(values, len(elements), statement.line), strict=True):
             known = fold(v, self.numbers)
             env[f.text(e)] = simplified(v) if known is None else f.number(known)
             self.targets[f.text(e)] = e

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.component import Ends
 from heavebond.import_20sim.declarations import Symbols
+from heavebond.import_20sim.evaluate import each
 from heavebond.import_20sim.matrices import Matrix
 from heavebond.import_20sim.sidops_tree import Assign, Do, Expr
 
@@ -24,9 +25,9 @@ def knot_value(symbols: Symbols, expr: Expr) -> Matrix | None:
     """`sum (direct (p.f))`, `first (p.e)` and sums of these, for knots; None where it is nothing of the kind."""
     name = expr.name.lower() if expr.op == "call" else ""
     if name == "sum" and expr.args and expr.args[0].op == "call" and expr.args[0].name.lower() in ("direct", "collect"):
-        return _total(collected(symbols, expr.args[0]), expr.args[0].name.lower() == "direct")
+        return _total(collected(symbols, expr.args[0]), expr.args[0].name.lower() == "direct", expr.line)
     if name == "mul" and expr.args and expr.args[0].op == "call" and expr.args[0].name.lower() == "collect":
-        return _product([matrix for _, matrix in collected(symbols, expr.args[0])])
+        return _product([matrix for _, matrix in collected(symbols, expr.args[0])], expr.line)
     if name == "collect" and expr.args and expr.args[0].name.partition(".")[0] in symbols.many:
         return [row for _, matrix in collected(symbols, expr) for row in matrix] or None
     if name == "first" and expr.args and expr.args[0].name.partition(".")[0] in symbols.many:
@@ -35,25 +36,22 @@ def knot_value(symbols: Symbols, expr: Expr) -> Matrix | None:
     if expr.op in ("+", "-") and (left := knot_value(symbols, expr.args[0])) is not None:
         right = knot_value(symbols, expr.args[1])
         if right is not None:
-            return [[f.add(a, f.negative(b) if expr.op == "-" else b) for a, b in zip(r, s, strict=False)]
-                    for r, s in zip(left, right, strict=False)]
+            return each(lambda a, b: f.add(a, f.negative(b) if expr.op == "-" else b), left, right, expr.line)
     return None
 
 
-def _total(ends: list[tuple[bool, Matrix]], directed: bool) -> Matrix:
+def _total(ends: list[tuple[bool, Matrix]], directed: bool, line: int) -> Matrix:
     total: Matrix | None = None
     for out, matrix in ends:
         signed = [[f.negative(e) if out and directed else e for e in row] for row in matrix]
-        total = signed if total is None else [[f.add(a, b) for a, b in zip(r, s, strict=True)]
-                                              for r, s in zip(total, signed, strict=True)]
+        total = signed if total is None else each(f.add, total, signed, line)
     return total or [[f.number(0)]]
 
 
-def _product(ends: list[Matrix]) -> Matrix:
+def _product(ends: list[Matrix], line: int) -> Matrix:
     found: Matrix | None = None
     for matrix in ends:
-        found = matrix if found is None else [[f.multiply(a, b) for a, b in zip(r, s, strict=True)]
-                                              for r, s in zip(found, matrix, strict=True)]
+        found = matrix if found is None else each(f.multiply, found, matrix, line)
     return found or [[f.number(1)]]
 
 
