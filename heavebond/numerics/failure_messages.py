@@ -17,6 +17,7 @@ from heavebond.equations.flatten import EquationRole
 from heavebond.equations.lost_rank import losses
 from heavebond.language.definition import Value
 from heavebond.language.library import is_bundled
+from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start
 from heavebond.numerics.result import Result, columns
@@ -30,6 +31,8 @@ NEAR = 1e-5
 SINGULAR = 1e-14
 LOOKED_AT = 60
 AT_LIMIT = 0.01  # share of its distance at the start that is left of the way to a limit that a variable has come to
+PASSING = 1e-4  # way of a variable, as a share of its size, in which a law that jumps is seen to
+JUMP = 1e-3  # share of the change of a law over the size of a variable that a jump is
 TIGHT = 1e-6  # relative tolerances from which on there is nothing to loosen
 FOLDED = ("The links of a mechanism come to lie in one line there, from where it could go on in two ways: its constraints "
           "depend on each other. No choice of states helps; change a length a little, or add what decides (a spring).")
@@ -133,6 +136,9 @@ def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[
         has = "have" if len(wild) > 1 else "has"
         return (f"From there on {which} {has} no finite value: a root or logarithm of a negative number, a division by 0.",
                 notes)
+    if jumping := _jumping(assembly, at):
+        return (f"{jumping}. Smooth it (smooth_sign(v, v_t) for sign(v)), or let it happen as an event (a DryFriction for "
+                f"friction, `when:` in a component){loosen}.", notes)
     if len(z) and _singular(assembly, t, x, z, p, u):
         return (f"{listing(assembly.algebraic_names, 4)} cannot be solved for there: a valve shuts a volume-free "
                 "line, or a lever loses its arm. Add what decides it: a leakage, a spring.", notes)
@@ -227,6 +233,34 @@ def _not_finite(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: A
         if bad:
             return bad
     return []
+
+
+def _jumping(assembly: Assembly, at: dict[int, float]) -> str:
+    """Laws that jump where the run stopped, as `if_else(v > 0, F, -F)` does at v = 0: their change over a short way of a
+    variable through the point is as large as over a tenth of that way, and a considerable part of that over its size."""
+    flat, found = assembly.flat, []
+    known = {s.element_hash(): unknown for s, unknown in zip(flat.levels[0], flat.unknowns, strict=True)}
+    for equation, residual in zip(flat.equations, flat.residuals, strict=True):
+        if equation.kink is None:
+            continue
+        symbols = ca.symvar(residual)
+        law = ca.Function("law", [stack(symbols)], [residual])
+        here = np.array([at.get(s.element_hash(), 0.0) for s in symbols])
+        for k, symbol in enumerate(symbols):
+            if (unknown := known.get(symbol.element_hash())) is None:
+                continue
+            steps = np.eye(len(here))[k] * float(unknown.nominal)
+            wide, way, short = (abs(float(law(here + share * steps)) - float(law(here - share * steps)))
+                                for share in (1.0, PASSING, PASSING / 10))
+            if short > way / 2 and way > JUMP * wide:
+                found.append((equation, unknown, float(here[k])))
+                break
+    if not found:
+        return ""
+    equation, unknown, value = found[0]
+    others = listing(dict.fromkeys(e.owner for e, *_ in found[1:] if e.owner != equation.owner), 3)
+    return (f"{equation.owner} jumps in '{equation.text}' at {unknown.name} = {readable(value, unknown.unit.text)}, which "
+            f"the solvers cannot step over{f'; so do {others}' if others else ''}")
 
 
 def _singular(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> bool:
