@@ -144,3 +144,20 @@ def test_two_names_for_one_value_of_a_branch(tmp_path: Path) -> None:
             " else y = 0; end;")
     run = run_part(tmp_path, one_part(body, "y"))
     assert at(run, "y", 0.4, 1.5) == pytest.approx([0.64, 0])
+
+
+def test_an_index_of_parameters_is_required_to_lie_in_its_vector(tmp_path: Path) -> None:
+    """An index that the run decides is listed instead."""
+    parts = (part("Clock", "signal out y", "equations\n y = 1 + 2 * time;")
+             + part("Case", "signal in u; signal out y", "parameters\n integer n = 2;\n real v[3] = [4; 5; 6];\n"
+                    "equations\n y = u * v[n];")
+             + part("Run", "signal in u; signal out y", "parameters\n real v[3] = [4; 5; 6];\nvariables\n integer n;\n"
+                    "equations\n n = round (u);\n y = v[n] + u;"))
+    run = imported(tmp_path, parts, "Clock\\y -> Case\\u; Clock\\y -> Run\\u", 2.0, untranslated=1)
+    assert run["Case.y"][-1] == pytest.approx(25)
+    assert run["Run.y"][-1] == pytest.approx(11)  # 5 for an index, of which there is none
+    assert 'requires: ["n > 0.5", "n < 3.5"]' in (tmp_path / "out" / "components" / "case.yaml").read_text()
+    text = (tmp_path / "out" / "m.yaml").read_text().replace("{is: Case,", "{is: Case, n: 4,")
+    (tmp_path / "out" / "m.yaml").write_text(text)
+    with pytest.raises(hb.ModelError, match=r"n < 3\.5"):
+        hb.simulate(hb.load(tmp_path / "out" / "m.yaml"))

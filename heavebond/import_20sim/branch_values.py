@@ -31,7 +31,7 @@ def without_memory(values: Mapping[str, Expr], candidates: Collection[str], cons
         if not keeps(value, name) or set(former(value)) != {name} or triggers(value):
             continue
         whole = simplified(_assigned_only(value, name))
-        always = _total(whole, constants)
+        always = defined_everywhere(whole, constants)
         others = [v for n, v in values.items() if n != name]
         if not all(_known(value, name, guards) and (always or not former(v))
                    for v in others for guards in _reads(v, name, ())):
@@ -113,7 +113,7 @@ def _leaves(value: Expr, name: str, guards: Guards) -> Iterator[tuple[Guards, Ex
             yield from _leaves(inner, name, own)
 
 
-def _total(expr: Expr, constants: Collection[str]) -> bool:
+def defined_everywhere(expr: Expr, constants: Collection[str]) -> bool:
     """Whether an expression has a value wherever its arguments are."""
     if expr.op == "call" and expr.name in PARTIAL:
         return False
@@ -121,7 +121,7 @@ def _total(expr: Expr, constants: Collection[str]) -> bool:
         return False
     if expr.op == "^" and not (expr.args[1].op == "number" and expr.args[1].value >= 0 and expr.args[1].value.is_integer()):
         return False
-    return all(_total(e, constants) for e in expr.args)
+    return all(defined_everywhere(e, constants) for e in expr.args)
 
 
 def _constant(expr: Expr, constants: Collection[str]) -> bool:

@@ -58,6 +58,7 @@ class Component:
     untranslated: list[tuple[int, str]] = field(default_factory=list)
     omitted: list[tuple[int, str]] = field(default_factory=list)
     elements: dict[str, list[str]] = field(default_factory=dict)  # of each port of the submodel
+    requires: list[Expr] = field(default_factory=list)  # conditions of parameters
     junction: tuple[Ends, tuple[str, ...]] | None = None  # of a 1-junction: its bonds, and the outputs that are its flow
     shown: dict[str, str] = field(default_factory=dict)  # of plotted discrete variables: what they were at the last sample
     delay: tuple[Expr, str, str] | None = None  # the last one of a quantity by another: its result and both names

@@ -41,6 +41,7 @@ class Calculus(Protocol):
     def truncated(self, ratio: Expr) -> Expr: ...
     def delayed(self, args: list[Expr], line: int) -> Expr: ...
     def noise(self, line: int) -> Expr: ...
+    def require(self, index: Expr, size: int) -> bool: ...
     def note(self, line: int, what: str) -> None: ...
 
 
@@ -195,7 +196,7 @@ class Evaluator:
     def _note_index(self, index: Expr, size: int, line: int) -> None:
         """List once that an index may lie outside 1 to `size`."""
         least, most = self._between(index)
-        if not self.indexed and not (least > 0.5 and most < size + 0.5):
+        if not self.indexed and not (least > 0.5 and most < size + 0.5) and not self.make.require(index, size):
             self.make.note(line, OUTSIDE)
             self.indexed = True
 

@@ -25,6 +25,7 @@ class External:
 
     def __init__(self, made: Component, memory: Memory, folder: Path | None, texts: Mapping[str, str]):
         self.made, self.memory, self.folder, self.texts = made, memory, folder, texts
+        self.unread = False  # whether a table of two inputs could not be read
 
     def _text(self, name: Expr) -> str:
         return name.name if name.op == "text" else self.texts.get(identifier(name.name), "") if name.op == "name" else ""
@@ -52,7 +53,9 @@ class External:
         """`dll (library, function, argument)`; raises Unreadable where its law is not known."""
         library, name = (self._text(e).lower() for e in (*call.args, call, call)[:2])
         if library == TABLE and name == "table2dinit" and len(call.args) == 3:
+            self.unread = True
             self._entered(call.args[2], read_grid)
+            self.unread = False
             return [[f.number(1)]]  # the number of the table, which counts for nothing: there is one
         if library == TABLE and name == "tableread" and len(call.args) == 3:
             return [[self._read(call, [e for row in evaluate(call.args[2]) for e in row])]]
@@ -67,6 +70,8 @@ class External:
     def _read(self, call: Expr, given: list[Expr]) -> Expr:
         """The value of a table of two inputs: the argument is its number and its inputs, of rows and of columns."""
         grids = [label for label, table in self.made.tables.items() if len(table) == 3]
+        if self.unread:
+            return f.number(0)  # its reason is listed
         if len(given) != 3 or len(grids) != 1:
             raise Unreadable(call.line, "`TableRead` takes a vector of one table's number and two inputs")
         return Expr("table2", tuple(given[1:]), grids[0])

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.branch_values import defined_everywhere
 from heavebond.import_20sim.choices import names, rebuilt
 from heavebond.import_20sim.component import Component, Event, Item
 from heavebond.import_20sim.sidops_tree import Expr
@@ -47,7 +48,7 @@ def keep_values_before_jumps(made: Component, branches: list[Kept]) -> None:
 def _store(made: Component, branch: Kept, jumps: list[Event]) -> None:
     """Let the first of several events at an instant store the value of a branch."""
     value = branch.value
-    if len(f.text(value)) > SHORT:
+    if len(f.text(value)) > SHORT and defined_everywhere(value, {item.name for item in made.of_kind("parameter")}):
         name = made.fresh(f"{branch.name.removesuffix('_kept')}_value")
         made.items[name] = Item(name, "variable", "", f"what the branch assigns that {branch.name} keeps")
         made.equations = [(left, _replaced(right, value, f.name(name)), said) for left, right, said in made.equations]

@@ -226,6 +226,15 @@ class Memory:
         self.made.omitted.append((line, "random noise is left out: 0 is used"))
         return f.number(0)
 
+    def require(self, index: Expr, size: int) -> bool:
+        """Demand that an index of parameters lies in a vector; False where it depends on more than parameters."""
+        kinds = {item.kind if (item := self.made.items.get(n)) is not None else "" for n in names(index)}
+        if kinds != {"parameter"}:
+            return False
+        limits = Expr(">", (index, f.number(0.5))), Expr("<", (index, f.number(size + 0.5)))
+        self.made.requires += [limit for limit in limits if limit not in self.made.requires]
+        return True
+
     def note(self, line: int, what: str) -> None:
         """List how something was read."""
         if (line, what) not in self.made.omitted:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.block import Block, Part
+from heavebond.import_20sim.choices import names
 from heavebond.import_20sim.component import Component, Event, Item
 
 WIDTH = 125  # of a line
@@ -81,6 +82,8 @@ def component_text(made: Component, name: str, defaults: bool = True) -> str:
     if made.omitted:
         lines.append(f"restrictions: {scalar('; '.join(w for _, w in made.omitted))}")
     lines += ["units: unchecked", *_ports(made.items.values()), *_declared(made, defaults)]
+    if required := [r for r in made.requires if set(names(r)) <= set(made.items)]:
+        lines.append(f"requires: [{', '.join(scalar_formula(f.text(r)) for r in required)}]")
     if made.equations:
         lines.append("equations: |")
         width = max((len(f.text(left)) for left, *_ in made.equations if len(f.text(left)) < 16), default=0)
