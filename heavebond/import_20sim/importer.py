@@ -34,6 +34,7 @@ from heavebond.import_20sim.write import (
     scalar,
 )
 
+NO_VALUE = "no value in the 20-sim file"  # in a description
 ASSUMED_SAMPLE_TIME = 0.1  # s
 USUAL_DURATION = 10.0  # s, of a run of 20-sim whose file states none
 EFFORTS, FLOWS = ({pair[side] for pair in MEMBERS.values()} for side in (0, 1))
@@ -186,14 +187,14 @@ class _Writer:
                         self.result.untranslated.append(Untranslated(path, made.line, f"the global quantity '{base}' has no "
                                                                      "value; 0 is used"))
                     missing.add(base)
-                    item.kind, item.value = "parameter", 0.0
+                    item.kind, item.value, item.doc = "parameter", 0.0, "; ".join(filter(None, (NO_VALUE, item.doc)))
 
         self._unused()
         given = {path for path, _ in self.set}
         for path, made in self.translator.components:
             for item in made.of_kind("parameter"):
                 if item.value is None and f"{path}.{item.name}" not in given:
-                    item.value = 0.0
+                    item.value, item.doc = 0.0, "; ".join(filter(None, (NO_VALUE, item.doc)))
                     why = f"the parameter '{item.name}' has no value; 0 is used"
                     self.result.untranslated.append(Untranslated(path, made.line, why))
 
