@@ -64,8 +64,8 @@ def explain_failure(stop: Stop, first: Start, said: str, rtol: float) -> Simulat
         cause, notes = _cause(stop.assembly, first, stop.last, loosen)
         hint = FOLDED if stop.folded else cause or hint
         if lawless := [path for path, leaf in stop.assembly.flat.expanded.leaves.items() if leaf.component.placeholder]:
-            have = "have" if len(lawless) > 1 else "has"
-            hint = f"{listing(lawless, 4)} {have} no law, and what placeholders give is constant: write the laws first. {hint}"
+            have = f"{listing(lawless, 4)} {'have' if len(lawless) > 1 else 'has'}"
+            hint = f"{have} no law, and what placeholders give is constant: write the laws first. {hint}"
     words = [line for line in said.splitlines() if "IDA" in line or "SUNDIALS" in line.upper()]
     solver = re.findall(r"\b(?:IDA|CV)_[A-Z_]+", said)
     integrator = "CVODES" if solver and solver[0].startswith("CV") else "IDAS"
