@@ -58,6 +58,8 @@ simulate: {until: 2 s, every: 10 ms}
 """
 RADIATION = ("components: {glow: {is: HeatRadiation, A: 600 cm**2, epsilon: 0.8}}\n"
              "nodes: {block: [+glow.a], room: [+glow.b]}\n")
+WALLS = ("components: {walls: {is: HeatStorage, G: 6 W/K, tau: 25 min}}\n"
+         "nodes: {block: [+walls.a]}\ninitial: {walls.T: 22 degC}\n")
 BRUSHES = ("components: {brushes: {is: BrushContact, U_b: 0.8 V}}\n"
            "nodes: {plus: [-motor.a, +brushes.a], inside: [brushes.b, motor.a]}\n")
 
@@ -98,6 +100,19 @@ def test_radiation_of_a_hot_block_is_told_from_other_losses_and_from_the_sensors
     assert said.ladder[-1].chi2_held_out < 1.3 < 20 < said.ladder[1].chi2_held_out
     # area times emissivity, which act as one
     assert finding.fit.values["heat_radiation.A"] == pytest.approx(0.8*600e-4, rel=0.05)
+
+
+def test_walls_that_store_heat_are_told_from_losses_and_from_a_larger_block(tmp_path: Path) -> None:
+    said = found(tmp_path, OVEN, WALLS, ("70 min", "95 min"),
+                 {"plate": ("plate.T", "degC", "0.15 K", 0.15), "block": ("block.T", "degC", "0.15 K", 0.15)},
+                 ("heater.u", "power"), "{contact.R: 0.11 K/W +- 20 %, air.R: 0.8 K/W +- 40 %}",
+                 ["heat storage", "heat capacity", "heat loss", "natural convection", "thermal resistance", "sensor gain"])
+    (finding,) = said.findings
+    assert said.verdict in ("effect", "one_of") and "heat storage" in finding.kinds, said.words
+    assert finding.candidate.component == "HeatStorage" and finding.candidate.where == ("block",)
+    assert said.ladder[-1].chi2_held_out < 1.3 < 20 < said.ladder[1].chi2_held_out
+    assert finding.fit.values["heat_storage.G"] == pytest.approx(6, rel=0.05)
+    assert finding.fit.values["heat_storage.tau"] == pytest.approx(1500, rel=0.05)
 
 
 def test_the_voltage_of_brushes_is_told_from_resistance_and_friction(tmp_path: Path) -> None:

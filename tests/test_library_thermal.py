@@ -52,6 +52,14 @@ def test_heat_capacity() -> None:
     agree(part("HeatCapacity", m="2 kg", c="460 J/(kg*K)")({"a.T": 300, "a.Q": FLOWS})["der(a.T)"], FLOWS/920)
 
 
+@checks("HeatStorage")
+def test_heat_storage_is_a_capacity_behind_a_resistance() -> None:
+    """A body of 6000 J/K behind 0.05 K/W: Incropera (5.7), tau = R*C."""
+    found = part("HeatStorage", G="20 W/K", tau="300 s")({"a.T": T_A, "T": 310})
+    agree(found["a.Q"], (T_A - 310)/0.05)
+    agree(found["der(T)"], (T_A - 310)/0.05/6000)
+
+
 @checks("Ambient", "TemperatureSource", "HeatSource", "HeatFlowSensor", "TemperatureSensor")
 def test_sources_and_sensors_are_what_they_define() -> None:
     agree(part("Ambient", T_0="25 degC")({"a.Q": FLOWS})["a.T"], 298.15)
