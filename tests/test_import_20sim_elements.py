@@ -161,3 +161,17 @@ def test_an_index_of_parameters_is_required_to_lie_in_its_vector(tmp_path: Path)
     (tmp_path / "out" / "m.yaml").write_text(text)
     with pytest.raises(hb.ModelError, match=r"n < 3\.5"):
         hb.simulate(hb.load(tmp_path / "out" / "m.yaml"))
+
+
+def test_whole_parameters_give_the_turns_of_loops_and_sizes(tmp_path: Path) -> None:
+    """A mean over a field of n x n values, of which the experiment says that n is 2."""
+    body = ("parameters\n integer n = 3;\n real step = 0.5;\nvariables\n real offset[n];\n real field[n,n];\n"
+            " integer i, k;\ninitialequations\n for i = 0 to n - 1 do offset[i + 1] = (i - (n - 1) / 2) * step; end;\n"
+            "equations\n for i = 1 to n do\n  for k = 1 to n do\n   field[i,k] = (u + offset[i]) * (u + offset[k]);\n"
+            "  end;\n end;\n y = msum (field) / n^2;")
+    parts = part("Clock", "signal out y", "equations\n y = time;") + part("Mean", "signal in u; signal out y", body)
+    run = imported(tmp_path, parts, "Clock\\y -> Mean\\u", 2.0,
+                   "<Variables><Parameters><Variable><Name>Mean\\n</Name><Value>2</Value></Variable></Parameters></Variables>")
+    offsets = np.array([-0.25, 0.25])
+    exact = np.array([np.mean(np.outer(t + offsets, t + offsets)) for t in run.time])
+    assert np.abs(run["Mean.y"] - exact).max() < 1e-12

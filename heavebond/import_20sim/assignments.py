@@ -61,6 +61,16 @@ def mentioned(statement: Statement) -> set[str]:
     return set().union(*map(mentioned, statement.body)) if isinstance(statement, For) else set()
 
 
+def counts(statement: Statement) -> set[str]:
+    """The names on which the number of turns of the loops in a statement depends."""
+    if isinstance(statement, If):
+        return set().union(*map(counts, (*statement.then, *statement.otherwise)))
+    if isinstance(statement, For):
+        bounds = (statement.first, statement.last, *([statement.step] if statement.step is not None else []))
+        return {n for e in bounds for n in names(e)}.union(*map(counts, statement.body))
+    return set().union(*map(counts, statement.body)) if isinstance(statement, While) else set()
+
+
 def assigned_again(statements: Iterable[Statement]) -> set[str]:
     """The quantities that several statements assign, one at least as a whole or in a branch."""
     seen: set[str] = set()

@@ -26,6 +26,8 @@ def simplified(expr: Expr) -> Expr:
     expr = rebuilt(expr, simplified)
     if expr.op == "if":
         return _choice(expr)
+    if expr.op == "+" and f.number(0) in expr.args:
+        return expr.args[1] if expr.args[0] == f.number(0) else expr.args[0]
     if expr.op in ("and", "or"):
         return _joined(rebuilt(expr, _condition))
     if expr.op == "not":

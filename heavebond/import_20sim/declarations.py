@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 
 from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.assignments import counts
+from heavebond.import_20sim.choices import names
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.evaluate import MEMBERS, MOST_ELEMENTS, Calculus, Evaluator, fold
 from heavebond.import_20sim.expressions_parser import Unreadable
@@ -41,16 +43,25 @@ class Symbols:
                 value = fold(parameter.value, self.numbers) if parameter.value is not None else \
                     self.known.get(parameter.name) if parameter.is_global else None
                 if value is not None:
-                    self.numbers[parameter.name] = value
+                    stated = self.stated(identifier(parameter.name))
+                    self.numbers[parameter.name] = value if stated is None else stated
         for port in self.submodel.ports:
             self.guard(partial(self._port, port), port.line)
         for parameter in everything:
             self.guard(partial(self._parameter, parameter), parameter.line)
         for variable in [*self.submodel.variables, *self.source.variables, *self.source.externals]:
             self.guard(partial(self._variable, variable), variable.line)
+        fixed = self._structural()
         for parameter in everything:
-            if not parameter.size:
+            if not parameter.size and parameter.name not in fixed:
                 self.numbers.pop(parameter.name, None)
+
+    def _structural(self) -> set[str]:
+        """The names on which sizes and the number of turns of loops depend: their values are fixed by the translation."""
+        own = self.source
+        sizes = [port.size for port in self.submodel.ports] + [v.size for v in (*self.submodel.variables, *own.variables)]
+        loops = map(counts, (*own.initial, *own.equations, *own.code))
+        return {n for size in sizes for e in size for n in names(e)}.union(*loops)
 
     def guard(self, action: Callable[[], None], line: int) -> None:
         """Do something; list what cannot be read."""
