@@ -659,7 +659,7 @@ KINDS = {"dry friction", "pressure-dependent friction", "viscous damping", "quad
          "external leakage", "wire taken up", "unbalance", "gas spring", "heat radiation", "natural convection",
          "thermal resistance", "contact resistance", "leakage current", "brush voltage",
          "flow force", "transient flow force", "eddy currents", "cogging torque",
-         "position-dependent force constant"}
+         "position-dependent force constant", "magnetic saturation"}
 
 
 def test_kinds_are_called_by_the_same_words() -> None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from library_check import agree, checks, cubic_spline, part
+
+import heavebond as hb
 
 V = np.array([-230.0, -1, 0, 0.5, 48])
 I = np.array([-20.0, 0, 0.1, 3, 100])  # noqa: E741 - the letter of a current
@@ -23,6 +26,34 @@ def test_two_poles() -> None:
     agree(found["der(i)"], V/5e-3)
     agree(found["a.i"], 2)
     agree(found["b.i"], -2)
+
+
+def test_a_saturated_coil_takes_up_no_more_flux() -> None:
+    """The slope of the flux linkage L i/sqrt(1 + (i/i_s)**2), by differences, and the energy of a coil under a voltage step
+    beside the integral of current over flux."""
+    coil, knee = 5e-3, 3.0
+
+    def flux(current: np.ndarray) -> np.ndarray:
+        return coil*current/np.sqrt(1 + (current/knee)**2)
+
+    slope = (flux(I + 1e-4) - flux(I - 1e-4))/2e-4
+    found = part("Inductor", L=coil, c_s=1/knee**2)({"i": I, "a.v": 12, "b.v": 2})
+    agree(found["der(i)"], 10/slope, 1e-6)
+    through = np.linspace(0, 10, 20_001)
+    wanted = float(np.trapezoid(through, flux(through)))
+    coil_alone = hb.loads(f"""
+model: coil
+components:
+  supply: {{is: VoltageSource, u: 12 V}}
+  coil: {{is: Inductor, L: {coil} H, c_s: {1/knee**2} 1/A**2}}
+  ground: {{is: ElectricalGround}}
+nodes: {{plus: [supply.a, coil.a], zero: [supply.b, coil.b, ground.a]}}
+initial: {{coil.i: 0 A}}
+simulate: {{until: {float(flux(np.array(10.0)))/12} s, every: 1e-5 s}}
+""")
+    audit = hb.audit(coil_alone)
+    assert audit.result["coil.i"][-1] == pytest.approx(10, rel=1e-6)
+    assert audit.closes() and audit.stored == pytest.approx(wanted, rel=1e-6)
 
 
 @checks("Conductance", "BrushContact")
