@@ -397,7 +397,7 @@ equations
   x = linsolve ([2, 1; 1, 3], [5; 10]);
   a = A[4,1] + 10 * A[5,2] + 100 * A[6,1] + 1000 * A[6,2];
   b = B[4,2] + 10 * B[6,1] + 100 * B[2,1];
-  c = T[1,4] + 10 * T[2,3] + 100 * inverseH (H)[1,4];
+  c = T[1,4] + 10 * T[2,3] + 100 * inverseH (H)[1,4] + 1000 * multiplyH (H, H)[1,4];
   d = x[1] + 10 * x[2] + max ([1; 7; 3]) + norminf ([1, -4; 2, 2]);
   n = bits + round (-2.5) + trunc (2.7) + 17 mod 5;
   l = log (exp (2)) + log10 (1000) + sym ([1, 2; 4, 1])[1,2] + antisym ([1, 2; 4, 1])[1,2];""", "a b c d n l"))
@@ -405,7 +405,7 @@ equations
     lower = [[sum(_skew(place)[i][j] * rotation[j][k] for j in range(3)) for k in range(3)] for i in range(3)]
     assert at(run, "a", 1) == [lower[0][0] + 10 * lower[1][1] + 100 * lower[2][0] + 1000 * lower[2][1]]
     assert at(run, "b", 1) == [_skew([4, 5, 6])[0][1] + 10 * _skew([4, 5, 6])[2][0] + 100 * _skew([1, 2, 3])[1][0]]
-    assert at(run, "c", 1) == [4 + 10 * -1 + 100 * -2]
+    assert at(run, "c", 1) == [4 + 10 * -1 + 100 * -2 + 1000 * (-2 + 1)]
     assert at(run, "d", 1) == pytest.approx([1 + 30 + 7 + 5])
     assert at(run, "n", 1) == [13 - 3 + 2 + 2]
     assert at(run, "l", 1) == pytest.approx([2 + 3 + 3 - 1])

@@ -120,6 +120,16 @@ def _inverse_homogeneous(h: Matrix) -> Matrix:
     return _homogeneous(rotation, [[f.negative(e) for e in row] for row in place])
 
 
+def _homogeneous_product(a: Matrix, b: Matrix) -> Matrix:
+    """The product of two homogeneous matrices, whose last row is 0, 0, 0, 1."""
+    if (len(a), len(a[0]), len(b), len(b[0])) != (4, 4, 4, 4):
+        raise ValueError
+    rotation = [row[:3] for row in a[:3]]
+    moved = product(rotation, [[row[3]] for row in b[:3]])
+    place = [[f.add(row[0], old[3])] for row, old in zip(moved, a[:3], strict=True)]
+    return _homogeneous(product(rotation, [row[:3] for row in b[:3]]), place)
+
+
 def _halves(args: tuple[Matrix, ...]) -> tuple[Matrix, Matrix]:
     """Two vectors of three elements, from themselves or from one of six."""
     rows = [[e] for m in args for row in m for e in row]
@@ -173,6 +183,6 @@ MATRICES: dict[str, Callable[..., Matrix]] = {
     "norm2": lambda m: [[f.call("sqrt", _inner(m, m)[0][0])]], "rows": lambda m: [[f.number(float(len(m)))]],
     "columns": lambda m: [[f.number(float(len(m[0])))]],
     "sym": lambda m: _half(m, 1), "antisym": lambda m: _half(m, -1), "norminf": _largest_row,
-    "homogeneous": _homogeneous, "inverseh": _inverse_homogeneous, "linsolve": _solved,
+    "homogeneous": _homogeneous, "inverseh": _inverse_homogeneous, "multiplyh": _homogeneous_product, "linsolve": _solved,
     "trace": lambda m: [[total([row[k] for k, row in enumerate(m)])]],
 }
