@@ -622,6 +622,15 @@ def test_a_sum_of_vectors_without_a_subtrahend(tmp_path: Path) -> None:
         agree(run[f"Lag.y_{k + 1}"], exact[k])
 
 
+def test_a_knot_whose_port_cannot_be_read_is_listed(tmp_path: Path) -> None:
+    knot = part("Sum", "signal knot duplicatable in plus [n,1]; signal knot out y", "equations\n y = sum (collect (plus));",
+                knot=True, kind="PlusMinus")
+    parts = (part("A", "signal out y", "equations\n y = time;") + knot
+             + part("B", "signal in u", "variables\n real v;\nequations\n v = u;"))
+    # the size, the port and its connection
+    imported(tmp_path, parts, "A\\y -> Sum\\plus; Sum\\y -> B\\u", 1.0, untranslated=3)
+
+
 TABLE_2D = """constants
  string dll_name = 'Table2D.dll';
  string initialize_function_name = 'Table2DInit';

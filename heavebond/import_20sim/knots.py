@@ -8,6 +8,7 @@ from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.component import Ends
 from heavebond.import_20sim.declarations import Symbols
 from heavebond.import_20sim.evaluate import each
+from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.matrices import Matrix
 from heavebond.import_20sim.sidops_tree import Assign, Do, Expr
 
@@ -18,7 +19,10 @@ def collected(symbols: Symbols, call: Expr) -> list[tuple[bool, Matrix]]:
     port, _, member = inner.partition(".")
     if port not in symbols.many:
         return [(False, symbols.evaluate(call.args[0]))]
-    return [(out, symbols.names[f"{name}.{member}" if member else name]) for name, out in symbols.many[port]]
+    labels = [(out, f"{name}.{member}" if member else name) for name, out in symbols.many[port]]
+    if any(label not in symbols.names for _, label in labels):
+        raise Unreadable(call.line, f"'{inner}' is not declared")  # or its declaration cannot be read
+    return [(out, symbols.names[label]) for out, label in labels]
 
 
 def knot_value(symbols: Symbols, expr: Expr) -> Matrix | None:
