@@ -152,8 +152,9 @@ def test_an_index_of_parameters_is_required_to_lie_in_its_vector(tmp_path: Path)
              + part("Case", "signal in u; signal out y", "parameters\n integer n = 2;\n real v[3] = [4; 5; 6];\n"
                     "equations\n y = u * v[n];")
              + part("Run", "signal in u; signal out y", "parameters\n real v[3] = [4; 5; 6];\nvariables\n integer n;\n"
-                    "equations\n n = round (u);\n y = v[n] + u;"))
-    run = imported(tmp_path, parts, "Clock\\y -> Case\\u; Clock\\y -> Run\\u", 2.0, untranslated=1)
+                    "equations\n n = round (u);\n y = v[n] + u;")
+             + part("Lost", "signal out y", "parameters\n integer n = 9;\nequations\n w[n] = time;\n y = 1;"))
+    run = imported(tmp_path, parts, "Clock\\y -> Case\\u; Clock\\y -> Run\\u", 2.0, untranslated=2)
     assert run["Case.y"][-1] == pytest.approx(25)
     assert run["Run.y"][-1] == pytest.approx(11)  # 5 for an index, of which there is none
     assert 'requires: ["n > 0.5", "n < 3.5"]' in (tmp_path / "out" / "components" / "case.yaml").read_text()

@@ -26,6 +26,7 @@ def make_placeholder(made: Component, given: Collection[str] = ()) -> None:
     """Constants in place of equations that are not translated: for each output, and for the effort of each port that the
     submodel gives (`given` are the quantities of ports that it assigns); the flow of other ports is 0."""
     made.equations, made.events, made.initial, made.first, made.gives, made.tables = [], {}, {}, {}, {}, {}
+    made.requires = []
     made.items = {n: item for n, item in made.items.items() if item.kind not in ("variable", "held")}
     for item in list(made.items.values()):
         if item.kind == "out":
