@@ -216,6 +216,15 @@ def test_a_descent_is_given_up_only_where_it_is_far_behind_and_does_not_fall() -
     assert told([*steep, 290.0, 280.0], 20.0)[-1] == GIVEN_UP
 
 
+def test_a_descent_that_takes_nothing_of_a_large_misfit_is_given_up() -> None:
+    """Beside another candidate that takes most of it; unless it falls steeply from afar."""
+    enough = stop_inferior_starts(np.ones(1), 400.0, 980.0)
+    assert enough([1000.0, 995.0, 990.0, 985.0], np.zeros(1)) == GIVEN_UP
+    assert enough([1000.0, 995.0, 990.0, 979.0], np.zeros(1)) == ""
+    assert enough([5000.0, 4000.0, 2500.0, 1500.0], np.ones(1)) == ""
+    assert stop_inferior_starts(np.ones(1), 400.0)([1000.0, 995.0, 990.0, 985.0], np.zeros(1)) == ""
+
+
 def test_a_start_that_has_come_to_where_another_one_was_ends() -> None:
     enough = stop_inferior_starts(np.ones(1), 1000.0)
     costs = [900.0, 850.0, 800.0, 700.0]

@@ -55,6 +55,28 @@ def test_a_quiet_beginning_makes_the_excerpt_longer(compared: Comparison) -> Non
     assert most == pytest.approx(grid[4*(points//5) - 1])
 
 
+def test_of_a_run_with_many_evaluations_between_two_samples_less_is_looked_at(compared: Comparison,
+                                                                               monkeypatch: pytest.MonkeyPatch) -> None:
+    """Samples count as often as their evaluations ask for, but not where it is said how many are to be looked at."""
+    wrong = quiet_first(compared, 0)
+    points = len(compared.records["train"].result.time)  # 2001
+
+    def taking(evaluations: float) -> Comparison:
+        record = wrong.records["train"]
+        result = replace(record.result, statistics={"nfevals": round(evaluations * points)})
+        return replace(wrong, records={**wrong.records, "train": replace(record, result=result)})
+
+    assert excerpts.excerpt(EXPERIMENT, taking(14.4 * excerpts.EXCERPTS.evaluations)) is EXPERIMENT
+    grid = compared.records["train"].result.time
+    for least, end in ((100, 5000 // 20), (400, 400)):
+        monkeypatch.setattr(excerpts, "EXCERPTS", replace(excerpts.EXCERPTS, least=least))
+        part = excerpts.excerpt(EXPERIMENT, taking(20 * excerpts.EXCERPTS.evaluations))
+        assert part.records["train"].end == pytest.approx(grid[end - 1])
+    assert excerpts.excerpt(EXPERIMENT, taking(20 * excerpts.EXCERPTS.evaluations), points) is EXPERIMENT
+    monkeypatch.setattr(excerpts, "EXCERPTS", replace(excerpts.EXCERPTS, clear=200.0))  # chi-square is 181
+    assert excerpts.excerpt(EXPERIMENT, taking(20 * excerpts.EXCERPTS.evaluations)) is EXPERIMENT
+
+
 def test_what_does_not_show_at_the_beginning_is_sought_in_all() -> None:
     """The first 24 s of the vessel are told by another flow coefficient."""
     found = hb.diagnose(EXPERIMENT, classes=["choked flow"], samples=300, number=1)

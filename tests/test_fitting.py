@@ -22,7 +22,7 @@ from heavebond.estimation.excerpts import EXCERPTS
 from heavebond.estimation.experiment import Experiment, Free, load_experiment
 from heavebond.estimation.fitting import Fit, fit, profile
 from heavebond.estimation.records import measure
-from heavebond.estimation.residuals import SETTLED, SHORT, Residuals, condensed, promised
+from heavebond.estimation.residuals import SETTLED, SHORT, Residuals, Run, condensed, promised
 from heavebond.reports.result_tables import own_words
 
 DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"
@@ -135,6 +135,10 @@ def test_initial_values_of_a_long_record_are_estimated_from_its_first_samples(tm
     time = measure(experiment, third).grid
     assert own.seconds == pytest.approx(time[20] - time[0])
     assert own.values["initial.load.x"] == pytest.approx(0.02, abs=1e-3)  # noise of 0.5 mm, 20 samples
+    run = Run(experiment, third, [])  # of this diagram: the record is neither read nor assembled again
+    for stiffness in (1200.0, 1300.0):
+        alike, read = (fitting.own_values(experiment, third, {"spring.c": stiffness}, like) for like in (run, None))
+        assert alike.values == pytest.approx(read.values, abs=1e-5) and alike.seconds == read.seconds
     length = replace(experiment.free["initial.load.x"], name="spring.l0")
     with_l0 = replace(experiment, free={**experiment.free, "spring.l0": length})
     assert fitting.own_values(with_l0, third, {"spring.c": 1200.0}).seconds == pytest.approx(time[40] - time[0])

@@ -53,7 +53,15 @@ from heavebond.diagnosis.stage import (
     make_value_stage,
     merit,
 )
-from heavebond.diagnosis.stepwise_selection import DECISIVE, MOST, SelectedEffect, Selection, looked_back, select_stepwise
+from heavebond.diagnosis.stepwise_selection import (
+    DECISIVE,
+    MOST,
+    SelectedEffect,
+    Selection,
+    looked_back,
+    select_stepwise,
+    within_the_error,
+)
 from heavebond.diagnosis.verdict import (
     acting_as_values,
     equivalent_value_words,
@@ -237,7 +245,7 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
         last = replace(unsupported[-1].added.step, partial=last.partial)
     # the last step made may be that of the last effect itself
     ended = bool(way) and last.chosen is way[-1].chosen
-    short = ended and not last.partial and len(way) < steps and not way[-1].is_noise
+    short = ended and not last.partial and len(way) < steps and not way[-1].is_noise and not within_the_error(way)
     made = [*(_answered(added.step, added) for added in (way[:-1] if ended else way)),
             _answered(last, way[-1]) if ended else replace(last, chosen=None, cluster=())]
     confirming = Confirming(budget, experiment, part, base, comparing, say)

@@ -19,8 +19,8 @@ IDLE, LITTLE = 4, 1e-3
 # After so many runs it is given up where it stands where another one stood by then: within this share of each range, and of
 # the sum of squares.
 MIDWAY, MEETS = 4, 0.03
-# And where it then leaves more than so many times what the best of other candidates leaves, unless its last two steps have
-# brought it to this share.
+# And where it then leaves more than so many times what the best of other candidates leaves, or as good as all of the misfit
+# of which another one takes most, unless its last two steps have brought it to this share.
 HOPE, STEEP = 10.0, 0.5
 
 Enough = Callable[[Sequence[float], Array], str]
@@ -36,9 +36,10 @@ def made_progress(costs: Sequence[float]) -> bool:
     return len(costs) > 2 and costs[-1] < STEEP * costs[-3]
 
 
-def stop_inferior_starts(spans: Array, least: float) -> Enough:
+def stop_inferior_starts(spans: Array, least: float, nothing: float = np.inf) -> Enough:
     """Ends the first steps from several starts of one candidate, one start after the other. `spans` (m,) are the ranges of
-    the unknowns, `least` is what the best of other candidates leaves."""
+    the unknowns, `least` is what the best of other candidates leaves; a descent that leaves `nothing` or more by then is
+    hopeless, too."""
     midway: list[tuple[float, Array]] = []  # where each stood after a few
 
     def met(cost: float, inner: Array) -> bool:
@@ -47,7 +48,7 @@ def stop_inferior_starts(spans: Array, least: float) -> Enough:
 
     def enough(costs: Sequence[float], best: Array) -> str:
         history = list(accumulate(costs, min))
-        if len(costs) >= MIDWAY and history[-1] > HOPE * least and not made_progress(history):
+        if len(costs) >= MIDWAY and history[-1] > min(HOPE * least, nothing) and not made_progress(history):
             return GIVEN_UP
         if len(costs) == MIDWAY:
             if met(history[-1], best):

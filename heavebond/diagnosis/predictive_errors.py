@@ -104,7 +104,7 @@ def _held_out(problem: Residuals, inner: Array, exact: Mapping[str, Run]) -> Ite
             continue
         try:
             if record.use != "fit":
-                values = {**values, **own_start(experiment, record, values)}
+                values = {**values, **own_start(experiment, record, values, run)}
             r = run.held_out(values)[0]
         except (SimulationError, StartError):
             r = np.full(int(which.sum()), BROKEN)

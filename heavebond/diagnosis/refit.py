@@ -18,6 +18,7 @@ from heavebond.core.progress import Progress
 from heavebond.core.units import Range
 from heavebond.diagnosis.base_model import ERRS, TIMES, Base, exact_runs, finer
 from heavebond.diagnosis.catalogue import Candidate
+from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.early_stopping import HOPE, LITTLE, Enough, made_progress, stop_inferior_starts, stop_stalled
 from heavebond.diagnosis.predictive_errors import SELECTION, TEST, PredictiveErrors, predictive_errors
 from heavebond.diagnosis.range_ends import passed_ends, unshown_amplitudes
@@ -428,7 +429,9 @@ class _RefitProblem:
         chosen = [starts[k] for k in np.argsort(costs, kind="stable") if np.isfinite(costs[k])][:number]
         if not chosen or process_time() - self.began > SECONDS:
             return []
-        enough = stop_inferior_starts(self.problem.high - self.problem.low, least)
+        # beside a candidate that takes most of the misfit, one that takes nothing in its first steps is no rival
+        nothing = self._nothing if least < DECISION.mainly * self.base.cost else np.inf
+        enough = stop_inferior_starts(self.problem.high - self.problem.low, least, nothing)
         found = [self.descend(start, progress, FIRST, 1e-4, enough=enough) for start in chosen]
         if all(2 * e.cost > self.base.cost for e in found) and (beside := self._beside()) is not None:
             found.append(self.descend(beside, progress, FIRST, 1e-4, enough=enough))
@@ -446,9 +449,14 @@ class _RefitProblem:
 
     def hopeful(self, first: Descent) -> bool:
         """Whether its first steps have taken anything of a large misfit away, and did not take too long."""
+        return process_time() - self.began <= SECONDS and 2 * first.cost <= self._nothing
+
+    @property
+    def _nothing(self) -> float:
+        """The sum of squares above which a refit takes nothing of a large misfit away; infinite beside a small one."""
         r = self.base.r
-        return process_time() - self.began <= SECONDS and \
-            not (float(r @ r) > LARGE * len(r) and 2 * first.cost > (1 - NOTHING) * float(r @ r))
+        whole = float(r @ r)
+        return (1 - NOTHING) * whole if whole > LARGE * len(r) else np.inf
 
     def _beside(self) -> Array | None:
         """A start next to the base model, from where a refit cannot end above it; None where the effect has no zero."""
@@ -507,7 +515,7 @@ class _RefitProblem:
         for record in problem.experiment.records.values():
             values = problem.values_of(inner, record.name)
             if record.use != "fit":
-                values |= own_start(problem.experiment, record, values)
+                values |= own_start(problem.experiment, record, values, exact[record.name])
             wrong, moved = exact[record.name].again(names, values, QuickSimulator).held_out(values)
             block = np.zeros((len(wrong), len(inner)))
             for k, column in enumerate(problem.columns):

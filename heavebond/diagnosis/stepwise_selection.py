@@ -26,6 +26,7 @@ from math import inf
 from heavebond.core.cancellation import clear_signal
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.catalogue import Candidate
+from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.like_places import candidates
 from heavebond.diagnosis.refit import Refit, refitted_from
 from heavebond.diagnosis.residual_tests import is_noise
@@ -112,7 +113,7 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
     if calibrating is not None and ways and not (last.partial or ways[0][-1].is_noise or most < 2):
         ways = _beside_calibration(last, ways, calibrating, left)
     for _ in range(2 * most):
-        if not ways or len(ways[0]) >= most or last.partial or ways[0][-1].is_noise:
+        if not ways or len(ways[0]) >= most or last.partial or ways[0][-1].is_noise or within_the_error(ways[0]):
             break
         steps: list[tuple[Stage, list[Selection]]] = []
         for way in _promising(ways, base):
@@ -144,6 +145,17 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
             ways[0], partial = looked_back(ways[0], stepping, say)
             last = replace(ways[0][-1].step, partial=partial)
     return (ways[0] if ways else ()), last
+
+
+def within_the_error(way: Selection) -> bool:
+    """Whether several effects leave less than the share of the first misfit that a further one must take to be named where
+    the noise is estimated (see `further_effects.material_share`). After the first, a second may show that it is wrong."""
+    first, last = way[0].step, way[-1].chosen
+    if len(way) < 2 or last.experiment.noise_given:
+        return False
+    fitted = last.chi2_fit < DECISION.material * (first.chi2_fit - 1.0)
+    held = last.chi2_held_out < DECISION.material * (first.chi2_held_out - 1.0)  # (NaN where nothing is held out)
+    return held or (fitted and (last.chi2_fit > DECISION.near or not last.samples_held_out))
 
 
 def _extended(way: Selection, made: Stage) -> list[Selection]:

@@ -19,18 +19,29 @@ from heavebond.estimation.experiment import Experiment
 class ExcerptConstants:
     """The constants of the choice of an excerpt of long records for a search.
 
+    evaluations: evaluations of the equations between two samples, in a run of the diagram, up to which a sample counts
+        once in what follows; where it takes more, as with few samples in a cycle of an oscillation, each counts as many
+        times as it takes these, rounded. Origin: three to thirteen in the rigs that `long` was found with. Doubled: such
+        records are searched on twice as many samples.
+    clear: chi-square per sample above which they count so: a smaller misfit shows on all samples only. Origin: as for
+        refits that take nothing of a large misfit. Doubled: more records are searched whole.
     long: samples of all fitted records together from which a search uses an excerpt. Origin: the time of a search.
         Doubled: whole records are searched twice as often.
     excerpt: samples of an excerpt, at least. Origin: the time of a run. Doubled: twice the time, narrower intervals in
         a search.
+    least: samples of an excerpt where each counts several times. Origin: on fewer, another law of the class led in an
+        oscillator with cubic stiffness (70 Hz, sampled at 610 Hz). Doubled: twice the time where samples take long.
     max_extension: factor by which it may be longer where the beginning is quiet. Origin: as above. Doubled: as above.
     checking: factor for records that only check, which are run less often. Origin: as above. Doubled: as above.
     exciting: share of the mean square misfit of a record that its excerpt must have. Origin: below, the excerpt misses
         what is wrong. Doubled: longer excerpts.
     """
 
+    evaluations: float = 10.0
+    clear: float = 10.0
     long: int = 30_000
     excerpt: int = 5_000
+    least: int = 2_500
     max_extension: int = 4
     checking: int = 2
     exciting: float = 0.3
@@ -41,19 +52,28 @@ EXCERPTS = ExcerptConstants()
 
 def excerpt(experiment: Experiment, compared: Comparison, samples: int | None = None) -> Experiment:
     """The experiment on the beginnings of its records, `samples` points in time of all that are fitted together; the
-    experiment itself where it has no more than that (without `samples`: no more than `LONG`). `compared` is its model laid
-    over the records, which tells where the model misses them."""
+    experiment itself where it has no more than that. Without `samples` these are `excerpt` of more than `long`, and beside
+    a misfit that is `clear` a sample counts by its evaluations. `compared` is its model laid over the records, which tells
+    where the model misses them."""
     fitted = [r for r in compared.records.values() if r.use == "fit"]
-    points = sum(len(r.result.time) for r in fitted)
+    cost = 1 if samples or min(r.chi2 for r in fitted) < EXCERPTS.clear else max(map(_cost, fitted))
+    points = cost * sum(len(r.result.time) for r in fitted)
     if points <= (samples or EXCERPTS.long):
         return experiment
-    most = max(1, (samples or EXCERPTS.excerpt) // len(fitted))
+    most = max(1, (samples or max(EXCERPTS.excerpt // cost, EXCERPTS.least)) // len(fitted))
     records = dict(experiment.records)
     for found in compared.records.values():
         end = _end(found, most if found.use == "fit" else EXCERPTS.checking * most)
         if end is not None:
             records[found.name] = replace(records[found.name], end=end)
     return replace(experiment, records=records) if records != experiment.records else experiment
+
+
+def _cost(record: RecordComparison) -> int:
+    """How many times a sample of a record counts, by the evaluations that a run takes between two; see `evaluations`."""
+    taken = record.result.statistics.get("nfevals")
+    between = float(taken) / len(record.result.time) if isinstance(taken, (int, float)) else 0.0
+    return max(1, round(between / EXCERPTS.evaluations))
 
 
 def as_long_as(other: Experiment, experiment: Experiment) -> Experiment:

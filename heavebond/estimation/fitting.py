@@ -35,7 +35,7 @@ from heavebond.estimation.comparison import Comparison, RecordComparison, compar
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile, Free, Record, load_experiment
 from heavebond.estimation.identifiability import Identifiability, identifiability
 from heavebond.estimation.records import measure
-from heavebond.estimation.residuals import AT_END, Column, Descent, Residuals
+from heavebond.estimation.residuals import AT_END, Column, Descent, Residuals, Run
 from heavebond.estimation.starts import Starts
 from heavebond.numerics.dae import Array
 from heavebond.numerics.run_verdict import report_verdict as hear
@@ -288,26 +288,36 @@ def _compared(problem: Residuals, inner: Array) -> tuple[Comparison, dict[str, O
     return Comparison(problem.experiment, records), own
 
 
-def own_start(experiment: Experiment, record: Record, values: Mapping[str, float]) -> dict[str, float]:
+def own_start(experiment: Experiment, record: Record, values: Mapping[str, float], like: Run | None = None
+              ) -> dict[str, float]:
     """Values of a held-out record that are its own (`each: record`); see `own_values`."""
-    return dict(own_values(experiment, record, values).values) if any(f.each for f in experiment.free.values()) else {}
+    own = any(f.each for f in experiment.free.values())
+    return dict(own_values(experiment, record, values, like).values) if own else {}
 
 
-def own_values(experiment: Experiment, record: Record, values: Mapping[str, float]) -> OwnValues:
+def own_values(experiment: Experiment, record: Record, values: Mapping[str, float], like: Run | None = None) -> OwnValues:
     """Values of a held-out record that are its own, from its first tenth (from ten samples of each channel where that is
-    longer), all other values given. Of initial values alone, from a thousand samples at most."""
+    longer), all other values given. Of initial values alone, from a thousand samples at most. `like` is a run of this
+    record with this diagram, where there is one: then it is neither read nor assembled again, and run as that is."""
     own = {n: f for n, f in experiment.free.items() if f.each}
-    found = measure(experiment, record)
+    found = like.found if like is not None else measure(experiment, record)
     tenth = len(found.grid) // 10
     last = min(tenth, BEGINNING) if all(n.startswith("initial.") for n in own) else tenth
     ends = [found.grid[last], *(c.time[:11][-1] for c in found.channels.values())]
     short = replace(record, end=float(max(ends)))
-    pinned = experiment.model.with_parameters({k: v for k, v in values.items() if not k.startswith("initial.")})
+    pinned = {k: v for k, v in values.items() if not k.startswith("initial.")}
     try:
-        problem = Residuals(replace(experiment, model=pinned, free=own), [short])
+        if like is None:
+            problem = Residuals(replace(experiment, model=experiment.model.with_parameters(pinned), free=own), [short])
+        else:
+            run = like.beginning(replace(experiment, free=own), short, pinned)
+            problem = Residuals(replace(experiment, free=own), runs=[run])
         # the diagram may hold what another record began with: from there friction may keep a search in another valley
-        start = min(problem.starting_points(OWN_STARTS, 0), key=problem.cost)
-        best = problem.minimise(start, False, lambda text: None)
+        start, least = problem.start, np.inf
+        for point in problem.starting_points(OWN_STARTS, 0):
+            if (cost := problem.cost(point, least)) < least:
+                start, least = point, cost
+        best = problem.minimise(start, False, lambda text: None, tolerance=1e-6, settle=True)
     except HeavebondError:
         return OwnValues({}, max(ends) - found.grid[0])
     return OwnValues(problem.values_of(best.x, record.name), max(ends) - found.grid[0])

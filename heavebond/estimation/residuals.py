@@ -109,6 +109,7 @@ class Run:
         self.scale = np.array([u.scale for u in units])
         self.measured, self.counts, self.checking = self.found.on_grid()
         self.noise = self.found.deviations
+        self._beginnings: dict[float, Run] = {} if like is None else like._beginnings
         self.simulator: Simulator = self._simulator(kind, tolerances, None if like is None else like.simulator)
 
     def _simulator(self, kind: type[Simulator], tolerances: Tolerances, like: Simulator | None) -> Simulator:
@@ -124,6 +125,16 @@ class Run:
         other.names, other.assembly = names, self.assembly.with_parameters(values)
         other.simulator = other._simulator(kind, tolerances or self.simulator.tolerances, self.simulator)
         return other
+
+    def beginning(self, experiment: Experiment, short: Record, values: Mapping[str, float]) -> Run:
+        """The same diagram with these values on the beginning `short` of the record, by the same simulator, with
+        sensitivities to all that is free in the experiment. All runs of the record, with whatever diagram, read this
+        beginning once."""
+        assert short.end is not None
+        made = Run(experiment, short, list(experiment.free), self.simulator.tolerances, kind=type(self.simulator),
+                   like=self._beginnings.get(short.end), assembly=self.assembly.with_parameters(values))
+        self._beginnings.setdefault(short.end, made)
+        return made
 
     def residuals(self, values: Mapping[str, float], most: float = np.inf) -> tuple[Array, Array]:
         """(model - measured)/noise (n,) of the n samples that count, channel after channel, and derivatives (m, n). A run of
