@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -16,6 +17,7 @@ import heavebond as hb
 from heavebond import cli
 from heavebond.language.sections import SOLVERS
 from heavebond.numerics.dynamic_state_selection import StateChoices
+from heavebond.optimise.influence import rank
 
 MODELS = Path(__file__).parents[1] / "models"
 # rms of the difference over the range of an output (see `apart`) at the default tolerances: errors add up over thousands of
@@ -345,6 +347,30 @@ def test_a_machine_is_linearised_wherever_it_runs(tmp_path: Path) -> None:
     found = hb.state_space(hb.load(tmp_path / "shut.yaml"), ["middle.q"], ["middle.p"], at=0.7)
     # what enters while the inlet is open leaves through it; the slope of its law at rest is that of its smoothing
     assert found.states == ("middle.p",) and found.stable
+
+
+def test_sensitivities_and_sweeps_run_what_run_runs(tmp_path: Path) -> None:
+    (tmp_path / "shut.yaml").write_text(SHUT)
+    told = CliRunner().invoke(cli.main, ["sensitivity", str(tmp_path / "shut.yaml"), "--of", "middle.p"])
+    assert told.exit_code == 0, told.output
+    assert "Run with a short bore of oil or gas on middle" in " ".join(told.output.split())
+    found = rank(hb.assemble(hb.loads(SHUT)), ["middle.p"], ["pump.p_0"])
+    (influence,) = found.rankings[0].influences
+    assert influence.peak == pytest.approx(200e5, rel=1e-6)  # the node takes the pressure of the pump
+    swept = CliRunner().invoke(cli.main, [
+        "sweep", str(tmp_path / "shut.yaml"), "--over", "pump.p_0=100 bar, 200 bar", "--measure", "final(middle.p) in bar",
+        "--processes", "1", "--output", str(tmp_path / "swept"), "--json", str(tmp_path / "told.json")])
+    assert swept.exit_code == 0, swept.output
+    assert "run with a short bore of oil or gas on middle" in " ".join(swept.output.split())
+    cases = json.loads((tmp_path / "told.json").read_text())["cases"]
+    assert [*(value for case in cases for value in case["values"].values())] == pytest.approx([1e7, 2e7], rel=1e-6)
+
+
+def test_a_node_that_takes_up_a_flow_is_not_filled_in_a_sweep(tmp_path: Path) -> None:
+    """A pump against shut valves: the bore would decide, and the first reason is told."""
+    (tmp_path / "dead.yaml").write_text(SHUT.replace("{is: PressureSource, p_0: 200 bar}", "{is: FlowSource, u: 30 L/min}"))
+    told = CliRunner().invoke(cli.main, ["sensitivity", str(tmp_path / "dead.yaml"), "--of", "middle.p"])
+    assert told.exit_code == 1 and "short bore" not in told.output
 
 
 def test_energy_beside_which_nodes_need_filling_is_that_of_the_filled_machine() -> None:

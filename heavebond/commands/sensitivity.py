@@ -68,6 +68,8 @@ def sensitivity(model: str, of: tuple[str, ...], parameters: tuple[str, ...], se
     if found.left_out:
         console.print(f"{len(found.left_out)} more parameters were not tried; add --most "
                       f"{most + len(found.left_out)}: {', '.join(found.left_out)}", soft_wrap=True)
+    if found.filled:
+        console.print(f"Run {found.filled}", style="yellow", soft_wrap=True)
     if output is not None:
         from heavebond.pictures.plot import plot_influence, save
 
@@ -95,4 +97,4 @@ def _figures(found: Rankings) -> dict[str, object]:
 
     return {"signals": {r.signal: {"unit": r.unit, "rms": r.size, "still": r.still,
                                    "influences": [one(i) for i in r.influences]} for r in found.rankings},
-            "left_out": list(found.left_out)}
+            "left_out": list(found.left_out), "filled": found.filled or None}

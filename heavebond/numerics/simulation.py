@@ -15,8 +15,9 @@ Each change stands in the statistics of the run, `fills` and `solver_changes`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -44,6 +45,7 @@ from heavebond.text.expression import Number
 # Pressures of a filled node beyond so many usual ones (100 000 bar of oil, 1000 bar of gas) are none of a machine: a pump
 # that works against a shut valve reaches them within 0.1 s.
 MOST_FILLED = 1000
+T = TypeVar("T")
 
 
 @cancellable
@@ -165,6 +167,24 @@ def changes_of(result: Result, states: bool = True) -> list[str]:
             said.append(f"{count(len(changes), 'change')} of {what}, the first at {first['time']:.4g} s: "
                         f"{before} -> {after}")
     return said
+
+
+def with_filled_nodes(make: Callable[[Assembly], tuple[T, Result | None]], assembly: Assembly) -> tuple[T, str]:
+    """What `make` gives for an assembly, with one of the runs that it is of; where such a run ends at nodes that store
+    nothing, for the assembly with these filled, as in a run by `auto`, and what is to be said of it."""
+    try:
+        return make(assembly)[0], ""
+    except (StartError, SimulationError) as error:
+        nodes = unfilled(assembly)
+        if not nodes or not _may_help(error.problems[0]):
+            raise
+        try:
+            made, run = make(filled(assembly, nodes))
+            if run is not None:
+                _accepted(run, nodes, error)
+        except HeavebondError:
+            raise error from None
+        return made, fills_told(list(nodes), error.problems[0].message)
 
 
 def fills_told(nodes: Sequence[str], why: str) -> str:

@@ -21,7 +21,8 @@ from heavebond.core.progress import Progress
 from heavebond.core.units import Unit
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.output_times import Time
-from heavebond.numerics.result import Probe
+from heavebond.numerics.result import Probe, Result
+from heavebond.numerics.simulation import with_filled_nodes
 from heavebond.numerics.simulator import Simulator
 
 MOST = 60  # parameters, where none are named
@@ -57,11 +58,13 @@ class Ranking:
 
 @dataclass(frozen=True)
 class Rankings:
-    """Every signal's ranking, at the same times (N,); `left_out` names parameters that were not tried."""
+    """Every signal's ranking, at the same times (N,); `left_out` names parameters that were not tried, `filled` says what
+    was added to nodes that store nothing, if anything."""
 
     time: Array
     rankings: tuple[Ranking, ...]
     left_out: tuple[str, ...]
+    filled: str = ""
 
 
 def candidates(assembly: Assembly) -> list[str]:
@@ -72,29 +75,36 @@ def candidates(assembly: Assembly) -> list[str]:
 
 def rank(assembly: Assembly, signals: Sequence[str], parameters: Sequence[str] = (), until: Time | None = None, *,
          every: Time | None = None, most: int = MOST, progress: Progress | None = None) -> Rankings:
-    """Rank parameters (by default all that are not zero, `most` of them) by their influence on signals.
+    """Rank parameters (by default all that are not zero, `most` of them) by their influence on signals; nodes that store
+    nothing are filled where a run needs it (see `heavebond.numerics.simulation`).
 
     UsageError for a name that is not there, a parameter that is zero or is solved for at the start.
     """
     possible = candidates(assembly)
     chosen = list(dict.fromkeys(parameters)) or possible[:most]
     _check(assembly, chosen, possible)
-    say = progress or (lambda text: None)
-    probe = Probe(assembly, signals)
-    courses, groups, done = [], in_chunks(chosen), 0
-    for group in groups:
-        say(f"parameters {done + 1} to {done + len(group)} of {len(chosen)}")
-        done += len(group)
-        run = Simulator(assembly, until, every=every, sensitivities=group).run()
-        courses.append(probe.sensitivities(run))
+    (courses, signal, run), filled = with_filled_nodes(
+        lambda machine: _courses(machine, signals, chosen, until, every, progress or (lambda text: None)), assembly)
     values = np.array([assembly.parameter_values[name] for name in chosen])
     scaled = np.concatenate(courses) * values[:, None, None]
-    signal = probe.values(run)
     units = {q.name: q.unit for q in assembly.flat.parameters}
     return Rankings(run.time, tuple(
         _ranking(name, run.unit(name), run.time, signal[j], [
             (parameter, float(values[k]), units[parameter], scaled[k, j]) for k, parameter in enumerate(chosen)])
-        for j, name in enumerate(signals)), () if parameters else tuple(possible[most:]))
+        for j, name in enumerate(signals)), () if parameters else tuple(possible[most:]), filled)
+
+
+def _courses(assembly: Assembly, signals: Sequence[str], chosen: Sequence[str], until: Time | None, every: Time | None,
+             say: Progress) -> tuple[tuple[list[Array], Array, Result], Result]:
+    """The sensitivities of signals to groups of parameters, the signals themselves, and the last of the runs."""
+    probe = Probe(assembly, signals)
+    courses, done = [], 0
+    for group in in_chunks(chosen):
+        say(f"parameters {done + 1} to {done + len(group)} of {len(chosen)}")
+        done += len(group)
+        run = Simulator(assembly, until, every=every, sensitivities=group).run()
+        courses.append(probe.sensitivities(run))
+    return (courses, probe.values(run), run), run
 
 
 def in_chunks(names: Sequence[str], size: int = AT_ONCE) -> list[Sequence[str]]:

@@ -24,6 +24,7 @@ from heavebond.linear.rest_stability import summary_sentences
 from heavebond.numerics.dae import Assembly, assemble
 from heavebond.numerics.result import Result, unknown_signal
 from heavebond.numerics.run_verdict import Verdict
+from heavebond.numerics.simulation import with_filled_nodes
 from heavebond.numerics.simulator import Simulator
 from heavebond.optimise.cost_evaluation import Evaluator
 from heavebond.optimise.costs import FUNCTIONALS, Cost, read_cost, read_limit
@@ -114,14 +115,20 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
                      "summary": summary_sentences(tuned.stability, asked=study.task.stable)}
         assembly = assembly.with_parameters(tuned.values)
     by = tuple(name for level in case.levels for name in level.along)
-    told, run, slopes = measured(study, assembly, by)
+    (told, run, slopes), filled = with_filled_nodes(lambda machine: _with_run(measured(study, machine, by)), assembly)
     verdict = run.verdict.raise_if_failed() if run is not None else Verdict()
     time, signals = _signals(study, run)
     return Outcome(0, values={**values, **told}, limits=dict(limits), message=message, modes=_modes(study, assembly),
-                   time=time, signals=signals, slopes=slopes, outside=verdict.text if verdict.findings else "",
+                   time=time, signals=signals, slopes=slopes,
+                   outside=" ".join([*([verdict.text] if verdict.findings else []), *([f"run {filled}"] if filled else [])]),
                    stability=stability, at_end=at_end,
                    at={name: assembly.parameter_values[name] for name in by},
                    signal_units={name: run.unit(name) for name in signals} if run is not None else {}, solver=_solver(run))
+
+
+def _with_run(found: tuple[dict[str, float], Result | None, dict[str, dict[str, float]]]
+              ) -> tuple[tuple[dict[str, float], Result | None, dict[str, dict[str, float]]], Result | None]:
+    return found, found[1]
 
 
 def _solver(run: Result | None) -> str:
