@@ -742,6 +742,7 @@ def test_flat_and_ramped_motion_profiles(tmp_path: Path) -> None:
     run = imported(tmp_path, part("Profile", "signal out position", PROFILE)
                    + part("Lag", "signal in u; signal out y", "equations\n y = int (u - y);"),
                    "Profile\\position -> Lag\\u", 12.0)
+    assert not [finding for finding in run.verdict.findings if finding.kind == "true-at-start"]
     inner = run.time % 5.0
     exact = 0.25 + 2 * np.clip(inner - 2, 0, 1)
     within = (run.time < 10) & (np.minimum(inner, 5 - inner) > 1e-6)

@@ -56,7 +56,7 @@ def _store(made: Component, branch: Kept, jumps: list[Event]) -> None:
         value = f.name(name)
     instant = f"{branch.name}_at"
     if instant not in made.items:
-        made.hold(instant, "", f"when an event stored {branch.name}", f.number(-1))
+        made.hold(instant, "", f"when an event stored {branch.name}", f.number(0))  # nothing is stored at the start
     later = Expr(">", (f.name("time"), f.name(instant)))
     end = made.events[branch.event].then
     end[branch.name] = Expr("if", (later, value, f.name(branch.name)))
