@@ -13,13 +13,16 @@ from click.testing import CliRunner
 from heavebond.cli import main
 from heavebond.core.errors import UsageError
 from heavebond.equations.places import nodes_of, places_of
+from heavebond.estimation import comparison
 from heavebond.estimation.comparison import compare_record
 from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.records import measure
 from heavebond.language.model import load, loads
 from heavebond.localise.curves import Curve, Design, Variable, best_curve, regression
 from heavebond.localise.kalman_smoother import Unknown
 from heavebond.localise.ltv_model import SourcedRecord, known_of, with_values
 from heavebond.localise.misfit import Localization, localize
+from heavebond.numerics import compiled_cvodes
 from heavebond.numerics.dae import assemble
 
 pytestmark = pytest.mark.long
@@ -327,3 +330,16 @@ def test_places_inside_of_blocks_are_beside_their_parts() -> None:
     assert beside["ahc.chamber_a-ahc.chamber_b"] == ("ahc.cylinder", "ahc.valve", "ahc.bypass")
     assert beside["drilling.bottom-drilling.bit"] == ("drilling.formation",)
     assert {"cmc.gas", "cmc.friction", "ahc.cylinder", "rocker"} < set(beside["platform-crown"])
+
+
+@pytest.mark.skipif(compiled_cvodes.program() is None, reason="no C compiler")
+def test_runs_over_many_samples_are_made_by_the_compiled_program(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of comparisons, and those about which what acts is estimated; with the same result."""
+    experiment = load_experiment("passive_rig/friction")
+    assembly = comparison.assemble_for(experiment, experiment.records["train"])
+    grid = measure(experiment, experiment.records["train"]).grid[:600]
+    by_idas = comparison.simulate_over(assembly, grid)
+    monkeypatch.setattr(comparison, "MANY", 500)
+    quick = comparison.simulate_over(assembly, grid)
+    assert (by_idas.statistics["solver"], quick.statistics["solver"]) == ("idas", "cvodes")
+    assert quick.x == pytest.approx(by_idas.x, rel=1e-4, abs=1e-6)

@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 _SOONER = 0.15
 # Integration errors far below the noise of a record; tighter tolerances only cost time.
 TOLERANCES = Tolerances(1e-7, 1e-9)
-MANY = 10_000  # samples from which on the compiled program compares
+MANY = 5_000  # samples from which on the compiled program compares
 # Deviations of the noise by which the first sample of a state must differ from the start of the model: by chance once in a
 # million records.
 ELSEWHERE = 5.0
@@ -227,7 +227,7 @@ def compare(experiment: ExperimentOrFile, *, parameters: Mapping[str, float | st
     return Comparison(experiment, records)
 
 
-def _simulated(assembly: Assembly, grid: Array) -> Result:
+def simulate_over(assembly: Assembly, grid: Array) -> Result:
     """A run over the samples of a record. IDAS stops at every sample of an input; over many samples the compiled program,
     which looks inputs up, is ten times as fast. Where it fails, IDAS finds out why."""
     if len(grid) > MANY and (program := FitSimulator(assembly, times=grid, tolerances=TOLERANCES)).compiled:
@@ -243,7 +243,7 @@ def compare_record(experiment: Experiment, record: Record,
     assembly = assemble_for(experiment, record)
     if parameters:
         assembly = assembly.with_parameters(parameters)
-    result = _simulated(assembly, measured.grid)
+    result = simulate_over(assembly, measured.grid)
     texts = [o.shown.text for o in experiment.outputs.values()]
     simulated = dict(zip(texts, Probe(result.assembly, texts, si=True).values(result), strict=True))
     fitted, checking = {}, {}

@@ -26,7 +26,7 @@ from heavebond.core.units import Unit, read_unit
 from heavebond.equations.flatten import flatten
 from heavebond.equations.places import nodes_of, places_of, with_virtual_sources
 from heavebond.equations.reduce import reduce
-from heavebond.estimation.comparison import TOLERANCES
+from heavebond.estimation.comparison import simulate_over
 from heavebond.estimation.experiment import Experiment, Free, Record
 from heavebond.estimation.records import Mask, measure
 from heavebond.language.symbols import stack
@@ -35,7 +35,7 @@ from heavebond.localise.whitening import Whitening
 from heavebond.numerics.dae import Array, Assembly, build
 from heavebond.numerics.initialise import tangent
 from heavebond.numerics.result import Result, columns
-from heavebond.numerics.simulator import Simulator
+from heavebond.numerics.start_equations import StartEquations
 from heavebond.text.expression import names as names_in
 
 
@@ -162,14 +162,13 @@ class SourcedRecord:
         middles = (self.time[:-1] + self.time[1:]) / 2
         fine = np.empty(2 * len(self.time) - 1)
         fine[::2], fine[1::2] = self.time, middles
-        simulator = Simulator(assembly, times=fine, tolerances=TOLERANCES)
-        result = simulator.run()
+        result = simulate_over(assembly, fine)
         p = assembly.parameter_values
         slopes = np.array([k.slope(p[k.name]) for k in known])
         index = [assembly.parameter_names.index(k.name) for k in known]
         directions = np.zeros((len(assembly.p), len(known)))
         directions[index, range(len(known))] = slopes
-        moved = tangent(simulator.start_equations, result.start, result.u[:, 0], directions)
+        moved = tangent(assembly.once("start", lambda: StartEquations(assembly)), result.start, result.u[:, 0], directions)
         a, b, _, _, _, _, _, _ = self._jacobians.at(result, np.arange(1, len(fine), 2), moved.p)
         _, _, y, c, d, local, local_c, local_d = self._jacobians.at(result, np.arange(0, len(fine), 2), moved.p)
         phi, gamma = stepped(a, b, np.diff(self.time))
