@@ -16,6 +16,7 @@ from heavebond.linear.linear_system import StateSpace
 from heavebond.linear.margins import Crossings, crossings, loop_frequencies, loops, open_loop
 from heavebond.linear.stability import Stability, stability
 from heavebond.numerics.start_equations import Point
+from heavebond.pictures.plot_linear import plot_bode
 
 PD = """
 model: pd
@@ -232,6 +233,47 @@ FREE_SERVO = PD.replace("nodes: {body: [body.a, drive.a]}", """  rider: {is: Mas
   other: {is: Mass, m: 2 kg}
 nodes: {body: [body.a, drive.a], rider: [rider.a, hinge.a], other: [other.a, hinge.b]}""").replace(
     "body.v: 0 m/s}", "body.v: 0 m/s, rider.x: 0 m, rider.v: 0 m/s, other.x: 0 m, other.v: 0 m/s}")
+
+
+FLEXIBLE = """
+model: flexible
+components:
+  ctl:    {is: PID, r: 0 m, K_p: 400 N/m, K_i: 100 N/(m*s), K_d: 60 N*s/m, y_min: -500 N, y_max: 500 N}
+  act:    {is: ForceSource}
+  mass:   {is: Mass, m: 2 kg}
+  spring: {is: Spring, c: 3 kN/m}
+  tip:    {is: Mass, m: 0.5 kg}
+  sense:  {is: PositionSensor}
+nodes:
+  load: [act.a, mass.a, spring.a, sense.a]
+  tip: [spring.b, tip.a]
+  meas: [sense.y, ctl.u]
+  cmd: [ctl.y, act.u]
+initial: {load.x: 0 m, load.v: 0 m/s, tip.v: 0 m/s, tip.x: 0 m}
+"""
+
+
+def test_a_loop_with_an_undamped_mode_has_the_margins_of_python_control() -> None:
+    """A body with a tip on a spring: undamped poles and zeros on the axis, two free modes and an integrator."""
+    found = hb.loop_margins(hb.loads(FLEXIBLE), "act.u")
+    s = control.tf("s")
+    plant = (0.5*s**2 + 3000)/((2*s**2 + 3000)*(0.5*s**2 + 3000) - 3000**2)
+    loop = control.minreal((400 + 100/s + 60*s/(0.01*s + 1))*plant, verbose=False)
+    gain, phase, distance, *_ = control.stability_margins(loop, returnall=True)
+    assert found.least_phase is not None and found.gain_down is not None and found.modulus is not None
+    least = int(np.argmin(phase[phase > 1e-6]))
+    assert found.least_phase.value == pytest.approx(phase[phase > 1e-6][least], rel=1e-6)
+    assert found.modulus.value == pytest.approx(distance.min(), rel=1e-5)
+    assert found.gain_down.value == pytest.approx(gain[0], rel=1e-6)
+
+
+def test_the_phase_of_a_plot_has_the_turns_of_poles_and_zeros() -> None:
+    """Three integrations begin at -270 degrees; undamped zeros go up by 180, undamped poles down again."""
+    cut = open_loop(loops(hb.loads(FLEXIBLE), "act.u").at())
+    frequencies = np.array([1e-3, 10.0, 13.0, 20.0, 1e4])
+    phase = np.asarray(plot_bode([cut], frequencies).axes[1].get_lines()[0].get_ydata())
+    assert phase[[0, -1]] == pytest.approx([-270, -180], abs=2)
+    assert -135 < phase[1] < -90 < 0 < phase[2] < 90 and -180 < phase[3] < -135
 
 
 def test_a_root_locus_takes_no_free_mode_for_a_stability_boundary() -> None:

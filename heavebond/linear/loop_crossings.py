@@ -82,12 +82,17 @@ class Transfer:
         s = 1j * np.atleast_1d(np.asarray(omega, dtype=float)) / self.rate
         if not len(self.a):
             return np.full(len(s), self.d, complex)
+        return np.asarray(self._states(s) @ self.c + self.d, dtype=complex)
+
+    def _states(self, s: Complex, beside: float = CROSSINGS.beside) -> Complex:
+        """(s - A)^-1 B (N, n); at an undamped pole, where it is infinite, just beside that."""
         right = np.broadcast_to(self.b[:, None], (len(s), len(self.b), 1)).astype(complex)
         try:
-            x = np.linalg.solve(s[:, None, None] * np.eye(len(self.a)) - self.a, right)
-        except np.linalg.LinAlgError:  # a frequency is that of an undamped pole: just beside it
-            x = np.linalg.solve(s[:, None, None] * (1 + CROSSINGS.beside) * np.eye(len(self.a)) - self.a, right)
-        return np.asarray(x[:, :, 0] @ self.c + self.d, dtype=complex)
+            return np.asarray(np.linalg.solve(s[:, None, None] * np.eye(len(self.a)) - self.a, right)[:, :, 0])
+        except np.linalg.LinAlgError:
+            if len(s) == 1:
+                return self._states(s * (1 + beside), 10 * beside)
+            return np.concatenate([self._states(s[k:k + 1]) for k in range(len(s))])
 
     def at(self, omega: Array) -> Complex:
         """L (N,) with its dead time at omega (N,) in rad/s."""
@@ -266,8 +271,9 @@ def _nodes(of: Transfer, marks: Array, more: Array) -> Array:
     resonant = [p.imag + max(abs(p.real), 1e-6 * abs(p)) * np.linspace(-6, 6, 49)
                 for p in of.poles if 0 < abs(p.real) < 0.1 * p.imag]
     every = np.concatenate([between, grid, *sides, *resonant, more])
-    every = every[(every > 0) & ~np.isin(every, _on_axis(of))]
-    return np.unique(every)
+    every = np.unique(every[every > 0])
+    # a pole comes here as several methods find it: a node beside it by rounding could stand on the wrong side
+    return every[~np.any(np.abs(every[:, None] - _on_axis(of)) <= CROSSINGS.on_axis * every[:, None], axis=1)]
 
 
 def _on_axis(of: Transfer) -> Array:

@@ -12,6 +12,7 @@ from matplotlib.ticker import FixedLocator, NullLocator
 
 from heavebond.core.presentation import number, readable, readable_unit, unit_label
 from heavebond.core.units import read_unit
+from heavebond.linear.linear_system import LINEAR_SYSTEM
 from heavebond.linear.margins import CUT
 from heavebond.pictures.plot import COLOURS, DASHES, DPI, RECT, WIDTH, figure_title
 
@@ -44,7 +45,7 @@ def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str 
         label = channel_name(channel) + (f" [{ratio(channel)}]" if len(units) > 1 else "")
         style = {"color": COLOURS[k % len(COLOURS)], "linewidth": 1.4, "linestyle": DASHES[k // len(COLOURS) % len(DASHES)]}
         upper.loglog(frequencies, np.abs(found), label=label, **style)
-        lower.semilogx(frequencies, _phase(found), **style)
+        lower.semilogx(frequencies, _phase(channel, frequencies, found), **style)
     upper.set_ylabel(f"magnitude [{units.pop()}]" if len(units) == 1 else "magnitude")
     decibels = upper.twinx()
     decibels.set_ylim(*(20 * np.log10(upper.get_ylim())))
@@ -247,11 +248,28 @@ def _name_dampings(axes: Axes) -> None:
                       bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "linewidth": 0}, zorder=0.5)
 
 
-def _phase(found: NDArray[np.complex128]) -> Array:
-    """In degrees without jumps, beginning between -180 and 180; of an undamped resonance, where rounding has the sign of
-    the half turn, the half turn is one downwards as in the limit of little damping."""
-    angle = np.angle(found)
-    return np.asarray(np.degrees(np.unwrap(np.where(angle > np.pi - 1e-6, angle - 2 * np.pi, angle))))
+def _phase(channel: StateSpace, frequencies: Array, found: NDArray[np.complex128]) -> Array:
+    """The phase in degrees of a response (N,), of which the angle leaves the turns open: these are those of the poles and
+    zeros, each stable or undamped one from 0 to 90 degrees, an unstable one back, an integrator 90, and a negative gain
+    -180. Without a pole or zero at 0 it begins between -180 and 180. Where zeros are not found (many states) or not exactly,
+    it is without jumps from there."""
+    angle = np.degrees(np.angle(found))
+    plain = np.asarray(np.degrees(np.unwrap(np.radians(np.where(angle > 180 - 1e-4, angle - 360, angle)))))
+    if len(channel.states) > LINEAR_SYSTEM.zeros or channel.higher[1].any():
+        return plain
+    omega = 2 * np.pi * np.asarray(frequencies, dtype=float)[:, None]
+
+    def turned(roots: NDArray[np.complex128]) -> Array:
+        side = np.where(roots.real > LINEAR_SYSTEM.undamped * np.abs(roots), -1.0, 1.0)
+        return np.asarray(np.degrees(side * np.arctan2(omega - roots.imag, np.abs(roots.real))).sum(axis=1))
+
+    zeros, poles = channel.zeros(), channel.poles
+    course = turned(zeros) - turned(poles)
+    course = course - 180 * (round(float(np.median((course - plain) / 180))) % 2)
+    if np.all(poles != 0) and np.abs(zeros).min(initial=np.inf) > LINEAR_SYSTEM.free * np.abs(poles).max(initial=0.0):
+        course = course - 360 * round((course[0] - plain[0]) / 360)
+    phase = np.asarray(angle + 360 * np.round((course - angle) / 360))
+    return phase if np.abs(phase - course).max(initial=0.0) < 45 else plain
 
 
 def _quiet(axes: Axes) -> None:
