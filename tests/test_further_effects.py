@@ -14,6 +14,7 @@ from scipy.interpolate import CubicSpline
 
 import heavebond as hb
 from heavebond.diagnosis import further_effects
+from heavebond.diagnosis.adequacy import _as_good, _better
 from heavebond.diagnosis.base_model import Base
 from heavebond.diagnosis.catalogue import EffectNumber
 from heavebond.diagnosis.constancy import Constancy, constancy
@@ -145,3 +146,17 @@ def test_the_share_is_that_of_the_first_misfit() -> None:
     way[0].step.chi2_held_out = way[-1].step.chi2_held_out = way[-1].chosen.chi2_held_out = float("nan")
     assert material_share(way) == pytest.approx(0.05)
     assert not replace(Constancy((1.0, 1.05), 1e-9)).differs and not Constancy((0.5, 1.5), 0.2).differs
+
+
+def test_a_curve_at_another_place_predicts_as_well_only_where_it_explains_half_as_much() -> None:
+    """Errors in one of forty blocks, as of a machine that runs away in it: no difference of two is significant then."""
+    def leaving(chi2: float) -> Any:
+        sums = errors(1.0).sums.copy()
+        sums[3] += (chi2 - 1.0) * errors(1.0).counts.sum()
+        return SimpleNamespace(errors=replace(errors(1.0), sums=sums))
+
+    named, misfit = leaving(6.0), 1000.0
+    assert not _better(named, leaving(900.0))
+    assert not _as_good(leaving(600.0), named, misfit)  # 40 % of the misfit, where the law takes more than 99 %
+    assert _as_good(leaving(450.0), named, misfit)
+    assert _as_good(leaving(40.0), named, misfit)       # 3 % of the misfit more

@@ -119,9 +119,11 @@ def _better(one: Refit, other: Refit) -> bool:
 
 
 def _as_good(curve: Refit, named: Refit, misfit: float) -> bool:
-    """Whether a curve at another place predicts as well as the named effect: it leaves less, or not significantly more, or
-    more by no material share of the misfit."""
-    return loss(curve) - loss(named) <= DECISION.material * misfit or not _better(named, curve)
+    """Whether a curve at another place predicts as well as the named effect: it leaves less, or more by no material share of
+    the misfit, or not significantly more and explains at least half of what that explains, as any candidate of the set."""
+    explained, other = misfit + 1.0 - loss(named), misfit + 1.0 - loss(curve)
+    return loss(curve) - loss(named) <= DECISION.material * misfit \
+        or (not _better(named, curve) and other >= DECISION.mainly * explained)
 
 
 def coverage(curve: Refit, before: Experiment) -> float:

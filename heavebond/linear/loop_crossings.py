@@ -273,7 +273,8 @@ def _nodes(of: Transfer, marks: Array, more: Array) -> Array:
     every = np.concatenate([between, grid, *sides, *resonant, more])
     every = np.unique(every[every > 0])
     # a pole comes here as several methods find it: a node beside it by rounding could stand on the wrong side
-    return every[~np.any(np.abs(every[:, None] - _on_axis(of)) <= CROSSINGS.on_axis * every[:, None], axis=1)]
+    near = np.abs(every[:, None] - _on_axis(of)) <= CROSSINGS.on_axis * every[:, None]
+    return np.asarray(every[~near.any(axis=1)])
 
 
 def _on_axis(of: Transfer) -> Array:
