@@ -140,9 +140,10 @@ def test_a_case_of_the_study_is_drawn_and_judged(tmp_path: Path) -> None:
     struck = drawing.LibraryWithout(**vars(library), struck=frozenset({"SensorDrift"}))
     assert {c.name for c in library.effects()} - {c.name for c in struck.effects()} == {"SensorDrift"}
     places, candidates = Places.of(one.experiment), {c.label: c for c in single_candidates(one.experiment)}
-    # the delay of the channel; before the input is another place, and a lag another class
+    # that of the channel; before the input is another place, and other laws of the channel are other classes
     there = [label for label, c in candidates.items() if one.matches(c, places)]
-    assert there == ["Delay in the channel channel_0"]
+    assert there == [one.effect.label] and one.effect.label.endswith("in the channel channel_0")
+    assert f"{one.effect.component} before supply.u" in candidates and "FirstOrderLag in the channel channel_0" in candidates
 
 
 def test_what_was_hidden_is_one_of_the_events() -> None:
