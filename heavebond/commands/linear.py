@@ -94,7 +94,7 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
                   f"{': ' if judged.reasons else ''}{'; '.join(judged.reasons)}", soft_wrap=True)
     told["stuck"] = notes = stuck(made.points.assembly, made.points.at())
     told["filled"] = made.filled or None
-    for note in (*notes, *([made.filled] if made.filled else [])):
+    for note in filter(None, (*notes, made.filled)):
         console.print(note, style="yellow", soft_wrap=True)
     if loop is not None:
         channels, span, found = _cut(system, frequencies)

@@ -63,7 +63,7 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
     for line in words:
         console.print(line, soft_wrap=True)
     notes = stuck(assembly, point)
-    for note in (*notes, *([operating.filled] if operating.filled else [])):
+    for note in filter(None, (*notes, operating.filled)):
         console.print(note, style="yellow", soft_wrap=True)
     if shares and shares[0].left_out:
         console.print(f"not counted (described by mass and temperature): {', '.join(shares[0].left_out)}", soft_wrap=True)

@@ -266,8 +266,8 @@ def compare_record(experiment: Experiment, record: Record,
     starts = tuple(_start_note(c, measured.channels[c.name].output, steady) for c in elsewhere)
     closed = closed_loops(experiment, record, {c.name: (c.time, c.measured, c.model) for c in fitted.values()})
     slipped = tuple(f"{name} {said}" for name, told in slips.items() for said in told)
-    notes = (*_notes(measured, fitted, slips, held_inputs), *starts, *noise_notes(experiment, measured), *closed,
-             *changes_of(result, states=False))
+    notes = (*measured.notes, *slipped, *_notes(measured, fitted, slips, held_inputs), *starts,
+             *noise_notes(experiment, measured), *closed, *changes_of(result, states=False))
     doubtful = frozenset(fitted) - {name for name, told in slips.items() if not told and name not in measured.declared}
     return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, notes, doubtful, starts,
                             closed, tuple(c.name for c in elsewhere), slipped)
@@ -307,11 +307,11 @@ def _start_note(channel: Channel, output: Output, steady: bool) -> str:
 
 def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[str, Sequence[str]],
            held_inputs: Sequence[str]) -> tuple[str, ...]:
-    """What is noticed about a record. Of two hints that exclude each other only the likelier is given: a wrong unit of time
-    explains all that is odd about channels, a wrong unit or sign of a channel its shift in time, an input that is held the
-    shifts of all channels."""
+    """What is noticed about a record besides what its values and `slips` tell. Of two hints that exclude each other only the
+    likelier is given: a wrong unit of time explains all that is odd about channels, a wrong unit or sign of a channel its
+    shift in time, an input that is held the shifts of all channels."""
     if measured.time_suspect:
-        return measured.notes
+        return ()
     held = _held_too_long(channels, held_inputs)
     late = [c for c in channels.values() if c.late is not None and c.late.noticeable and not held
             and not slips.get(c.name) and c.name not in measured.declared]
@@ -325,7 +325,7 @@ def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[s
     if other:
         notes.append(f"nearer if shifted in time: {other}; but more than a shift is wrong, and missing physics shifts "
                      "phases too: fit first")
-    return (*measured.notes, *(f"{name} {said}" for name, told in slips.items() for said in told), *notes, *held)
+    return (*notes, *held)
 
 
 def _held_too_long(channels: Mapping[str, Channel], inputs: Sequence[str]) -> list[str]:

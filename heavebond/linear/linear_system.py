@@ -128,6 +128,10 @@ class StateSpace:
 
     def displayed(self) -> StateSpace:
         """The same with its outputs in the units in which they are shown, to be printed or drawn."""
+        return self._displayed
+
+    @cached_property
+    def _displayed(self) -> StateSpace:
         if not self.shown or self.shown == self.units[2]:
             return self
         scale = np.array([read_unit(unit).scale for unit in self.shown])[:, None]
@@ -153,7 +157,7 @@ class StateSpace:
         elif self.states:
             number = max(1, LINEAR_SYSTEM.block // a.size)
             for k in range(0, len(points), number):
-                through[k:k + number] = _dense_response(a, b, c, points[k:k + number])
+                through[k:k + number] = dense_response(a, b, c, points[k:k + number])
         points = points[:, None, None]
         return np.asarray(through + self.d + points * self.higher[0] + points**2 * self.higher[1])
 
@@ -162,6 +166,10 @@ class StateSpace:
 
         UsageError for several channels, or where the second derivative of the input reaches the output.
         """
+        return self._zeros
+
+    @cached_property
+    def _zeros(self) -> Complex:
         from scipy.linalg import eigvals
 
         if len(self.outputs) != 1 or len(self.inputs) != 1 or self.higher[1].any():
@@ -309,15 +317,15 @@ class StateSpaces:
                           d_all[1:3], linear.sizes, point, self._shown, linear.rigid)
 
 
-def _dense_response(a: Array, b: Array, c: Array, points: Complex) -> Complex:
-    """c (s - a)^-1 b (N, k, m) at points s (N,)."""
+def dense_response(a: Array, b: Array, c: Array, points: Complex) -> Complex:
+    """c (s - a)^-1 b (N, k, m) at points s (N,); `AT_A_POLE` at a pole."""
     try:
         return np.asarray(c @ np.linalg.solve(points[:, None, None] * np.eye(len(a)) - a,
                                               np.broadcast_to(b, (len(points), *b.shape))))
     except np.linalg.LinAlgError:
         if len(points) == 1:
             return np.full((1, len(c), b.shape[1]), AT_A_POLE)
-        return np.concatenate([_dense_response(a, b, c, points[k:k + 1]) for k in range(len(points))])
+        return np.concatenate([dense_response(a, b, c, points[k:k + 1]) for k in range(len(points))])
 
 
 def _sparse_response(a: Array, b: Array, c: Array, points: Complex) -> Complex:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.errors import Problem, UsageError
+from heavebond.linear.linear_system import dense_response
 from heavebond.linear.stability import eigenvalues
 from heavebond.numerics.dae import Array
 
@@ -82,17 +83,16 @@ class Transfer:
         s = 1j * np.atleast_1d(np.asarray(omega, dtype=float)) / self.rate
         if not len(self.a):
             return np.full(len(s), self.d, complex)
-        return np.asarray(self._states(s) @ self.c + self.d, dtype=complex)
+        values = self._strictly_proper(s)
+        beside = CROSSINGS.beside
+        while (poles := np.isinf(np.abs(values))).any() and beside < CROSSINGS.on_axis:  # undamped ones: just beside them
+            values[poles] = self._strictly_proper(s[poles] * (1 + beside))
+            beside *= 10
+        return np.asarray(values + self.d, dtype=complex)
 
-    def _states(self, s: Complex, beside: float = CROSSINGS.beside) -> Complex:
-        """(s - A)^-1 B (N, n); at an undamped pole, where it is infinite, just beside that."""
-        right = np.broadcast_to(self.b[:, None], (len(s), len(self.b), 1)).astype(complex)
-        try:
-            return np.asarray(np.linalg.solve(s[:, None, None] * np.eye(len(self.a)) - self.a, right)[:, :, 0])
-        except np.linalg.LinAlgError:
-            if len(s) == 1:
-                return self._states(s * (1 + beside), 10 * beside)
-            return np.concatenate([self._states(s[k:k + 1]) for k in range(len(s))])
+    def _strictly_proper(self, s: Complex) -> Complex:
+        """C (s - A)^-1 B (N,), infinite at a pole."""
+        return dense_response(self.a, self.b[:, None], self.c[None, :], s)[:, 0, 0]
 
     def at(self, omega: Array) -> Complex:
         """L (N,) with its dead time at omega (N,) in rad/s."""

@@ -169,18 +169,19 @@ def changes_of(result: Result, states: bool = True) -> list[str]:
     return said
 
 
-def with_filled_nodes(make: Callable[[Assembly], tuple[T, Result | None]], assembly: Assembly) -> tuple[T, str]:
-    """What `make` gives for an assembly, with one of the runs that it is of; where such a run ends at nodes that store
-    nothing, for the assembly with these filled, as in a run by `auto`, and what is to be said of it."""
+def with_filled_nodes(make: Callable[[Assembly], T], assembly: Assembly, run_of: Callable[[T], Result | None]
+                      ) -> tuple[T, str]:
+    """What `make` gives for an assembly; where a run ends at nodes that store nothing, for the assembly with these filled,
+    as in a run by `auto`, and what is to be said of it. `run_of` gives one of the runs that it is of, if any."""
     try:
-        return make(assembly)[0], ""
+        return make(assembly), ""
     except (StartError, SimulationError) as error:
         nodes = unfilled(assembly)
         if not nodes or not _may_help(error.problems[0]):
             raise
         try:
-            made, run = make(filled(assembly, nodes))
-            if run is not None:
+            made = make(filled(assembly, nodes))
+            if (run := run_of(made)) is not None:
                 _accepted(run, nodes, error)
         except HeavebondError:
             raise error from None

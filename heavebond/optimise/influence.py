@@ -84,7 +84,8 @@ def rank(assembly: Assembly, signals: Sequence[str], parameters: Sequence[str] =
     chosen = list(dict.fromkeys(parameters)) or possible[:most]
     _check(assembly, chosen, possible)
     (courses, signal, run), filled = with_filled_nodes(
-        lambda machine: _courses(machine, signals, chosen, until, every, progress or (lambda text: None)), assembly)
+        lambda machine: _courses(machine, signals, chosen, until, every, progress or (lambda text: None)), assembly,
+        lambda found: found[2])
     values = np.array([assembly.parameter_values[name] for name in chosen])
     scaled = np.concatenate(courses) * values[:, None, None]
     units = {q.name: q.unit for q in assembly.flat.parameters}
@@ -95,7 +96,7 @@ def rank(assembly: Assembly, signals: Sequence[str], parameters: Sequence[str] =
 
 
 def _courses(assembly: Assembly, signals: Sequence[str], chosen: Sequence[str], until: Time | None, every: Time | None,
-             say: Progress) -> tuple[tuple[list[Array], Array, Result], Result]:
+             say: Progress) -> tuple[list[Array], Array, Result]:
     """The sensitivities of signals to groups of parameters, the signals themselves, and the last of the runs."""
     probe = Probe(assembly, signals)
     courses, done = [], 0
@@ -104,7 +105,7 @@ def _courses(assembly: Assembly, signals: Sequence[str], chosen: Sequence[str], 
         done += len(group)
         run = Simulator(assembly, until, every=every, sensitivities=group).run()
         courses.append(probe.sensitivities(run))
-    return (courses, probe.values(run), run), run
+    return courses, probe.values(run), run
 
 
 def in_chunks(names: Sequence[str], size: int = AT_ONCE) -> list[Sequence[str]]:

@@ -115,7 +115,8 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
                      "summary": summary_sentences(tuned.stability, asked=study.task.stable)}
         assembly = assembly.with_parameters(tuned.values)
     by = tuple(name for level in case.levels for name in level.along)
-    (told, run, slopes), filled = with_filled_nodes(lambda machine: _with_run(measured(study, machine, by)), assembly)
+    (told, run, slopes), filled = with_filled_nodes(lambda machine: measured(study, machine, by), assembly,
+                                                     lambda found: found[1])
     verdict = run.verdict.raise_if_failed() if run is not None else Verdict()
     time, signals = _signals(study, run)
     return Outcome(0, values={**values, **told}, limits=dict(limits), message=message, modes=_modes(study, assembly),
@@ -124,11 +125,6 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
                    stability=stability, at_end=at_end,
                    at={name: assembly.parameter_values[name] for name in by},
                    signal_units={name: run.unit(name) for name in signals} if run is not None else {}, solver=_solver(run))
-
-
-def _with_run(found: tuple[dict[str, float], Result | None, dict[str, dict[str, float]]]
-              ) -> tuple[tuple[dict[str, float], Result | None, dict[str, dict[str, float]]], Result | None]:
-    return found, found[1]
 
 
 def _solver(run: Result | None) -> str:
