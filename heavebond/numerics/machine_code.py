@@ -25,9 +25,10 @@ import casadi as ca
 from heavebond.equations.buffered import Array, Buffered
 
 COMPILERS = ("gcc", "clang", "cc")
-# Of the equations of a model: -O2 gains a few percent for a quarter more time; with the arithmetic as it is written, results
+# Of the equations of a model: -O2 gains a few percent for a quarter more time; functions call each other directly, as
+# no other library takes their place; with the arithmetic as it is written, results
 # are the same to the last bit.
-FLAGS = ("-O1", "-ffp-contract=off")
+FLAGS = ("-O1", "-ffp-contract=off", "-fno-semantic-interposition")
 CLONE_FS = 0x200  # of Linux: what a thread no longer shares with the others, its current folder among it
 MACHINE_CODE, LISTED = "machine code", "list of operations"  # how equations are evaluated, in the statistics of a run
 AGAIN = 0.02  # s between two looks at a thread that compiles
