@@ -88,6 +88,8 @@ TRANSLATIONAL: dict[str, tuple[str, Law]] = {
     "SpringDamperWithPlay": ("gap: 5 mm, c: 10 kN/m, d: 20 N*s/m",
                              lambda x, v: 1e4*(x - np.clip(x, -5e-3, 5e-3)) + 20*v),
     "BilinearSpring": ("c: 10 kN/m, k: -0.5, s_0: 3 mm", lambda x, v: 1e4*(x + 0.5*np.minimum(x - 3e-3, 0))),
+    "NonlinearDamper": ("d: 900 N*s/m, k: 1, v_k: 50 mm/s, r: 0.6",
+                        lambda x, v: np.where(v > 0, 900, 360)*v/np.hypot(1, v/0.05)),
     "SlackWire": ("c: 10 kN/m, d: 0 N*s/m, s_0: -5 mm", lambda x, v: 1e4*np.maximum(x, -5e-3)),
     # a gas column of 0.1 m behind a piston in equilibrium: p_0*A = c*L/n
     "PolytropicSpring": ("c: 10 kN/m, kappa: 10 1/m, n: 1.4, kappa_0: 1e-9 1/m",
@@ -168,6 +170,8 @@ def test_hysteresis_that_hardens_unloads_steeper() -> None:
      lambda x, v: (30 + 20*np.exp(-(v/0.5)**2))*sign(v, 0.01)),
     ("ShaftCompliance", "c: 1 kN*m/rad, T_d: 20 ms", lambda x, v: 1e3*(x + 0.02*v)),
     ("ShaftSlip", "d: 50 N*m*s/rad", lambda x, v: 50*v),
+    ("RotationalNonlinearDamper", "d: 5 N*m*s/rad, k: -1, w_k: 0.3 rad/s, r: -0.5",
+     lambda x, v: np.where(v > 0, 5, 7.5)*v*np.hypot(1, v/0.3)),
     ("GearBacklash", "gap: 0.05 rad, c: 1 kN*m/rad, d: 2 N*m*s/rad",
      lambda x, v: 1e3*(x - np.clip(x, -0.05, 0.05)) + 2*v),
 ])
@@ -429,10 +433,11 @@ components:
   vessel: {is: PositionSource, u: "=0.2 m*sin(2*pi*time/4 s)"}
   gas: {is: Spring, c: 5 kN/m}
   rope: {is: SpringDamper, c: 9 kN/m, d: 200 N*s/m}
+  damper: {is: Damper, d: 100 N*s/m}
   load: {is: Mass, m: 600 kg}
   floor: {is: Fixed}
   oil: {is: PressureSource, p_0: 60 bar}
-nodes: {top: [vessel.a, gas.a], load: [gas.b, load.a, rope.b], floor: [rope.a, floor.a], oil: [oil.a]}
+nodes: {top: [vessel.a, gas.a], load: [gas.b, load.a, rope.b, damper.b], floor: [rope.a, damper.a, floor.a], oil: [oil.a]}
 initial: {load.x: 0 m, load.v: 0 m/s}
 show: {load.x: {unit: m}, rope.F: {unit: N}}
 simulate: {until: 8 s, every: 20 ms}
@@ -443,8 +448,9 @@ components:
   spring: {is: TorsionSpring, c: 100 N*m/rad}
   load: {is: Inertia, J: 3 kg*m**2}
   mount: {is: TorsionSpringDamper, c: 20 N*m/rad, d: 2 N*m*s/rad}
+  damper: {is: RotationalDamper, d: 2 N*m*s/rad}
   frame: {is: FixedShaft}
-nodes: {load: [motor.a, load.a, spring.b, mount.b], frame: [spring.a, mount.a, frame.a]}
+nodes: {load: [motor.a, load.a, spring.b, mount.b, damper.b], frame: [spring.a, mount.a, damper.a, frame.a]}
 show: {load.phi: {unit: rad}, load.w: {unit: rad/s}}
 simulate: {until: 8 s, every: 20 ms}
 """
@@ -533,7 +539,8 @@ OLD = {"Spring": (HANGING, "gas", "c: 5 kN/m"), "SpringDamper": (HANGING, "rope"
        "TorsionSpringDamper": (SHAFT, "mount", "c: 20 N*m/rad, d: 2 N*m*s/rad"),
        "LaminarLeakage": (CIRCUIT, "throttle", "C: 4e-10 m**3/(s*Pa)"), "PressureSource": (CIRCUIT, "tank", "p_0: 2 bar"),
        "Receiver": (GAS, "vessel", "V: 10 L"), "Hose": (CIRCUIT, "more", "C: 3e-12 m**3/Pa"),
-       "Orifice": (CIRCUIT, "outlet", "q_r: 1 L/s, dp_r: 10 bar")}
+       "Orifice": (CIRCUIT, "outlet", "q_r: 1 L/s, dp_r: 10 bar"), "Damper": (HANGING, "damper", "d: 100 N*s/m"),
+       "RotationalDamper": (SHAFT, "damper", "d: 2 N*m*s/rad")}
 # effects that have no value at which they are absent, at the end of their range where they hardly show
 NEARLY = {"SeriesCompliance": "c: 1e8 N/m", "ShaftCompliance": "c: 1e7 N*m/rad",
           "ShaftSlip": "d: 1e7 N*m*s/rad", "LineInertance": "I: 1e5 kg/m**4",
@@ -659,7 +666,7 @@ KINDS = {"dry friction", "pressure-dependent friction", "viscous damping", "quad
          "external leakage", "wire taken up", "unbalance", "gas spring", "heat radiation", "natural convection",
          "thermal resistance", "contact resistance", "leakage current", "brush voltage",
          "flow force", "transient flow force", "eddy currents", "cogging torque",
-         "position-dependent force constant", "magnetic saturation"}
+         "position-dependent force constant", "magnetic saturation", "damping law"}
 
 
 def test_kinds_are_called_by_the_same_words() -> None:

@@ -21,7 +21,7 @@ from heavebond.diagnosis.constancy import Constancy, constancy
 from heavebond.diagnosis.further_effects import material_share, supported
 from heavebond.diagnosis.predictive_errors import FITTED, SELECTION, PredictiveErrors
 from heavebond.diagnosis.stage import fitted_base
-from heavebond.diagnosis.stepwise_selection import SelectedEffect, Selection
+from heavebond.diagnosis.stepwise_selection import SelectedEffect, Selection, within_the_error
 
 DIAGRAM = """
 model: oscillator
@@ -127,6 +127,17 @@ def test_a_further_effect_is_named_by_its_share_and_its_constancy(
     assert len(way) == named and len(dropped) == len(chi2) - 1 - named
     if dropped:
         assert ("0.5 to 1.3 times" if varies else "less than 5 % of the misfit") in dropped[0].words
+
+
+@pytest.mark.parametrize(("chi2", "given", "ends"), [
+    ((1000, 1.3), True, False),           # a second effect may show that the first is wrong
+    ((1000, 100, 1.3), True, True),       # near the noise, and 0.03 % of the misfit: no further effect could be named
+    ((1000, 100, 20), True, False),       # one that reaches the noise would be named
+    ((10, 5, 1.3), True, False),          # 14 % of the misfit
+    ((1000, 100, 20), False, True),       # an estimated noise is no yardstick
+    ((1000, 200, 100), False, False)])
+def test_a_search_ends_where_no_further_effect_could_be_named(chi2: tuple[float, ...], given: bool, ends: bool) -> None:
+    assert within_the_error(ladder(*chi2, given=given)) is ends
 
 
 def test_the_share_is_that_of_the_first_misfit() -> None:

@@ -97,6 +97,14 @@ LAWS: dict[str, tuple[tuple[str, dict[str, float]], tuple[str, dict[str, float]]
         lambda s, v: cubic_spline(20*(s - 0.05), HEIGHTS) + 0*v),
     "bilinear damping": (
         ("ShockAbsorber", {"d_out": 900.0, "d_in": 300.0}), None, lambda s, v: np.where(v > 0, 900.0, 300.0)*v + 0*s),
+    "digressive": (
+        ("NonlinearDamper", {"d": 900.0, "k": 1.0, "v_k": 0.4, "r": 0.6}),
+        ("RotationalNonlinearDamper", {"d": 900.0, "k": 1.0, "w_k": 0.4, "r": 0.6}),
+        lambda s, v: np.where(v > 0, 900.0, 360.0)*v/np.hypot(1, v/0.4) + 0*s),
+    "progressive": (
+        ("NonlinearDamper", {"d": 900.0, "k": -0.5, "v_k": 0.4, "r": 0.0}),
+        ("RotationalNonlinearDamper", {"d": 900.0, "k": -0.5, "w_k": 0.4, "r": 0.0}),
+        lambda s, v: 900*v*np.sqrt(np.hypot(1, v/0.4)) + 0*s),
     "slack wire": (
         ("SlackWire", {"c": 4e4, "d": 30.0, "l0": 0.02, "k": 1.0, "s_0": -0.05}), None,
         lambda s, v: 4e4*np.maximum(s - 0.02, -0.05) + 30*v),

@@ -131,8 +131,12 @@ def followed(base: Base, trial: Refit, guesses: Sequence[Score] = (), progress: 
     if not trial.begun:
         return trial
     try:
-        refit = _RefitProblem(base, trial.candidate, guesses, trial.finer)
-        return refit.judged(refit.follow(trial.begun, progress or (lambda text: None)))
+        refit, say = _RefitProblem(base, trial.candidate, guesses, trial.finer), progress or (lambda text: None)
+        found = refit.judged(refit.follow(trial.begun, say))
+        while refit.rough(found) and refit.finer < TIMES:  # far above the noise, what its runs err by was small
+            refit.make_finer()
+            found = refit.judged(refit.descend(found.inner, say, LAST, 1e-5, "dogbox").x)
+        return found
     except HeavebondError:
         return replace(trial, begun=())
 

@@ -148,13 +148,17 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
 
 
 def within_the_error(way: Selection) -> bool:
-    """Whether several effects leave less than the share of the first misfit that a further one must take to be named where
-    the noise is estimated (see `further_effects.material_share`). After the first, a second may show that it is wrong."""
+    """Whether several effects leave less than the share of the first misfit that a further one must take to be named (see
+    `further_effects.supported`), and no more than is near the noise where that is given: beyond it, one that reaches it is
+    named too. After the first, a second may show that it is wrong."""
     first, last = way[0].step, way[-1].chosen
-    if len(way) < 2 or last.experiment.noise_given:
+    if len(way) < 2:
         return False
     fitted = last.chi2_fit < DECISION.material * (first.chi2_fit - 1.0)
     held = last.chi2_held_out < DECISION.material * (first.chi2_held_out - 1.0)  # (NaN where nothing is held out)
+    near = last.chi2_fit <= DECISION.near and not last.chi2_held_out > DECISION.near
+    if last.experiment.noise_given:
+        return near and fitted and (held or not last.samples_held_out)
     return held or (fitted and (last.chi2_fit > DECISION.near or not last.samples_held_out))
 
 
