@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from heavebond.core.errors import Place, Problems
 from heavebond.equations.connect import Group, Network
@@ -32,17 +33,38 @@ class Owner:
     path: str  # of the node or component whose name makes the name
 
 
+Owned = Iterable[tuple[str, Owner]]
+
+
 @dataclass
 class Names:
-    """The owner of each name; a second owner is a problem."""
+    """The owner of each name, or what tells it with others; a second owner is a problem."""
 
     problems: Problems
-    owners: dict[str, Owner] = field(default_factory=dict)
+    owners: dict[str, Owner | Callable[[], Owned]] = field(default_factory=dict)
+
+    def owner(self, name: str) -> Owner | None:
+        """The owner of a name."""
+        found = self.owners.get(name)
+        if callable(found):
+            found = self.owners[name] = dict(found())[name]
+        return found
+
+    def claim_all(self, names: Sequence[str], told: Callable[[], Owned]) -> None:
+        """Give names to the owners that `told` tells: only where one of them is taken, as a large diagram has many."""
+        own = dict.fromkeys(names, told)
+        if len(own) == len(names) and self.owners.keys().isdisjoint(own):
+            self.owners.update(own)
+            return
+        for name, owner in told():
+            self.claim(name, owner)
 
     def claim(self, name: str, owner: Owner) -> None:
         """Give a name to an owner; a problem where another one has it."""
-        first = self.owners.setdefault(name, owner)
-        if first.key != owner.key:
+        first = self.owner(name)
+        if first is None:
+            self.owners[name] = owner
+        elif first.key != owner.key:
             other = _renamed(first, owner)
             self.problems.add("name-twice", f"'{name}' would mean two things: {first.what} ({_line(first)}) "
                               f"and {owner.what} ({_line(owner)})", other.place, hint=_hint(other))
@@ -58,11 +80,17 @@ def claim_names(expanded: Expanded, network: Network, problems: Problems) -> Nam
     for name, bound in expanded.parameters.items():
         found.claim(name, Owner(("parameter", name), f"the parameter {name}", bound.place, "parameter", name))
     for number, group in enumerate(network.groups):
-        for name, owner in _of_group(expanded, group, number):
-            found.claim(name, owner)
+        domain = expanded.model.library.domains.get(group.domain)
+        own = group.aliases if domain is None else [f"{path}.{m}" for path in group.aliases for m in _across(domain)]
+        found.claim_all(own, partial(_of_group, expanded, group, number))
+    alike: dict[tuple[Hashable, ...], list[str]] = {}
     for path, leaf in expanded.leaves.items():
-        for name, owner in _of_leaf(expanded, network, path, leaf, problems):
-            found.claim(name, owner)
+        _check_prefix(path, leaf, problems)
+        told = partial(_of_leaf, expanded, network, path, leaf)
+        kind = (id(leaf.component), *network.domains[path].items(), path if _has_arrays(leaf) else "")
+        if (inside := alike.get(kind)) is None:
+            inside = alike[kind] = [name.removeprefix(path) for name, _ in told()]
+        found.claim_all([path + name for name in inside], told)
     return found
 
 
@@ -79,7 +107,7 @@ def check_outputs(names: Names, show: Mapping[str, NamedOutput], index_of: Mappi
         meant = shown.expr.text if isinstance(shown.expr, Name) else ""
         if meant in index_of and index_of[meant] == index_of.get(shown.name):
             continue
-        owner = names.owners.get(shown.name)
+        owner = names.owner(shown.name)
         what = f"{owner.what} ({_line(owner)})" if owner else "a formula, or the time"
         names.problems.add("name-twice", f"the output '{shown.name}' is `{shown.text}`, but '{shown.name}' is also {what}",
                            shown.place, hint=f"Give the output another name, for example `{_plain(shown.name)}_shown`.")
@@ -124,12 +152,20 @@ def _word(domain: Domain, member: str) -> str:
     return f"{member} ({doc})" if doc else member
 
 
-def _of_leaf(expanded: Expanded, network: Network, path: str, leaf: Leaf, problems: Problems) -> Iterator[tuple[str, Owner]]:
-    component = leaf.component
-    if path.partition(".")[0] in OF_A_RUN and component.parameters:
-        problems.add("name-bad", f"'{path}' cannot name a component with parameters; '{path.partition('.')[0]}.' begins the "
+def _check_prefix(path: str, leaf: Leaf, problems: Problems) -> None:
+    first = path.partition(".")[0]
+    if first in OF_A_RUN and leaf.component.parameters:
+        problems.add("name-bad", f"'{path}' cannot name a component with parameters; '{first}.' begins the "
                      "names of parameters of a run (`initial.x`, `scale.u`)", leaf.place,
                      hint="Take another name.")
+
+
+def _has_arrays(leaf: Leaf) -> bool:
+    return any(port.count is not None for port in leaf.component.ports.values())
+
+
+def _of_leaf(expanded: Expanded, network: Network, path: str, leaf: Leaf) -> Iterator[tuple[str, Owner]]:
+    component = leaf.component
     of = f"of component '{path}' ({component.name})"
     for kind, entries in (("parameter", component.parameters), ("variable", component.variables)):
         for name in entries:
