@@ -122,7 +122,7 @@ class Flat:
     names: dict[str, int]
     constants: dict[str, ca.SX]
     units: dict[str, Unit] = field(default_factory=dict)
-    energetics: tuple[Energetics, ...] = ()
+    energies: tuple[tuple[tuple[str, ...], ca.SX], ...] = ()  # of parts of one kind: power ... energy (5, n)
     bounds: dict[int, Interval] = field(default_factory=dict)  # by the hash of a symbol
     held: tuple[Held, ...] = ()
     events: tuple[FlatEvent, ...] = ()
@@ -134,6 +134,18 @@ class Flat:
     def residual_column(self) -> ca.SX:
         """The residuals (n,)."""
         return stack(self.residuals)
+
+    @cached_property
+    def energetics(self) -> tuple[Energetics, ...]:
+        """Those of the components, in the order of the diagram."""
+        leaves, found = self.expanded.leaves, dict[str, Energetics]()
+        for paths, values in self.energies:
+            for path, own in zip(paths, _columns(values, len(paths)), strict=True):
+                power, stored, dissipated, unbalanced, energy = own
+                component = leaves[path].component
+                found[path] = Energetics(path, power, stored, dissipated, unbalanced, energy, component.power,
+                                         component.unbalanced_why)
+        return tuple(found[path] for path in leaves if path in found)
 
     @property
     def constant_hashes(self) -> set[int]:
@@ -184,7 +196,7 @@ class _Builder:
         self.equations: list[FlatEquation] = []
         self.residuals: list[ca.SX] = []
         self.entries: list[Entries] = []
-        self.energetics: list[Energetics] = []
+        self.energies: list[tuple[tuple[str, ...], ca.SX]] = []
         self.bonds: dict[str, Bond] = {}
         self.block_bonds: dict[str, Bond] = {}
         self.held: tuple[Held, ...] = ()
@@ -218,7 +230,7 @@ class _Builder:
         return Flat(self.expanded, tuple(self.unknowns), self.columns, self.levels,
                     self.parameters.independent, self.parameters.p, self.time, self.rate, tuple(self.inputs),
                     tuple(self.equations), tuple(self.residuals), tuple(self.entries), self.names, self.constants,
-                    self.parameters.units, tuple(self.energetics), bounds, self.held, tuple(self.events), self.bonds,
+                    self.parameters.units, tuple(self.energies), bounds, self.held, tuple(self.events), self.bonds,
                     self.block_bonds, {path: self.domains[group.domain] for group in self.network.groups
                                        if group.domain in self.domains for path in group.aliases})
 
@@ -318,36 +330,34 @@ class _Builder:
         """The templates in the diagram's symbols, in the order of the diagram."""
         found = self._evaluated_templates()
         held = {h.name: h for h in self.held}
-        for path, leaf in self.expanded.leaves.items():
+        for path in self.expanded.leaves:
             made = self.templates.get(path)
             if made is None:
                 continue
-            residuals, energy, happenings = found[path]
+            residuals, happenings = found[path]
             self.events += leaf_events(path, made, happenings, self.names, held)
             own = [self.names[f"{path}.{slot}"] for slot in made.slots]
             size = len(own)
             for line, residual, row in zip(made.lines, residuals, made.entries, strict=True):
                 entries = [((e.column // size) * self.n + own[e.column % size], e.kind) for e in row]
                 self._add(FlatEquation(path, line.label, line.text, line.place, line.kink), residual, _merged(entries))
-            if not leaf.component.composite:
-                power, stored, dissipated, unbalanced, stores = energy
-                self.energetics.append(Energetics(path, power, stored, dissipated, unbalanced, stores,
-                                                  leaf.component.power, leaf.component.unbalanced_why))
 
-    def _evaluated_templates(self) -> dict[str, tuple[list[ca.SX], list[ca.SX], list[ca.SX]]]:
-        """Residuals, energy and events of each leaf; a template is called once for all its leaves, a column for each."""
+    def _evaluated_templates(self) -> dict[str, tuple[list[ca.SX], list[ca.SX]]]:
+        """Residuals and events of each leaf; a template is called once for all its leaves, a column for each."""
         users: dict[Template, list[str]] = {}
         for path, made in self.templates.items():
             users.setdefault(made, []).append(path)
-        found: dict[str, tuple[list[ca.SX], list[ca.SX], list[ca.SX]]] = {}
+        found: dict[str, tuple[list[ca.SX], list[ca.SX]]] = {}
         for made, paths in users.items():
             slots = [self.names[f"{path}.{slot}"] for path in paths for slot in made.slots]
             own = [self.constants[f"{path}.{name}"] for path in paths for name in made.given]
             inputs = [*(ca.reshape(column[slots], len(made.slots), len(paths)) for column in self.columns),
                       ca.reshape(stack(own), len(made.given), len(paths)), self.time, self.rate]
             happenings = made.happenings(*inputs) if made.happenings else ca.SX(0, len(paths))
-            columns = (_columns(m, len(paths)) for m in (made.residuals(*inputs), made.energy(*inputs), happenings))
+            columns = (_columns(m, len(paths)) for m in (made.residuals(*inputs), happenings))
             found.update(zip(paths, zip(*columns, strict=True), strict=True))
+            if not self.expanded.leaves[paths[0]].component.composite:  # leaves of one template are of one component
+                self.energies.append((tuple(paths), made.energy(*inputs)))
         return found
 
     def _given_inputs(self) -> None:
