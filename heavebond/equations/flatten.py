@@ -291,17 +291,21 @@ class _Builder:
 
     def _node_equations(self) -> None:
         self._sums()
+        equations, pairs = [], []
         for group in self.network.groups:
             domain = self.domains.get(group.domain)
             for position in domain.positions if domain is not None else ():
                 if domain is None or f"{group.name}.{position}" not in self.names:
                     continue
                 flow = domain.rate(position)
-                x, v = self.names[f"{group.name}.{position}"], self.names[f"{group.name}.{flow}"]
-                self._add(FlatEquation(group.name, f"{flow} is the rate of {position} at node '{group.name}'",
-                                       f"{group.name}.{flow} = der({group.name}.{position})", group.place,
-                                       role=EquationRole.RATE, subject=f"{group.name}.{flow}"),
-                          self.levels[0][v] - self.levels[1][x], [(v, 0), (self.n + x, 0)])
+                pairs.append((self.names[f"{group.name}.{flow}"], self.names[f"{group.name}.{position}"]))
+                equations.append(FlatEquation(
+                    group.name, f"{flow} is the rate of {position} at node '{group.name}'",
+                    f"{group.name}.{flow} = der({group.name}.{position})", group.place,
+                    role=EquationRole.RATE, subject=f"{group.name}.{flow}"))
+        rates = self.columns[0][[v for v, _ in pairs]] - self.columns[1][[x for _, x in pairs]]
+        for equation, (v, x), residual in zip(equations, pairs, split(rates), strict=True):
+            self._add(equation, residual, [(v, 0), (self.n + x, 0)])
 
     def _sums(self) -> None:
         """The through variables of each node: all sums at once, as the product of the incidence matrix with them."""

@@ -13,7 +13,7 @@ import casadi as ca
 from heavebond.core.errors import ModelError, Place, Problem, listing, suggest
 from heavebond.language.definition import Component, Domain, EquationLine, EventDefinition, Formula, Variable
 from heavebond.language.incidence import Entry, Interval, classify
-from heavebond.language.symbols import Called, Context, evaluate, indicator, nonsmooth, stack
+from heavebond.language.symbols import Called, Context, evaluate, indicator, nonsmooth, operated, stack
 from heavebond.text.expression import Expr, ExpressionProblem, Name, Slice, names
 from heavebond.text.shapes import Lengths, Shape, indexed
 
@@ -215,7 +215,7 @@ class _Builder:
                 kink = nonsmooth(equation.tree.left, constant) or nonsmooth(equation.tree.right, constant)
                 lines += [Line(equation.label + which, equation.text.strip(), equation.place, kink)
                           for which in _elements(shape)]
-                residuals.append(ca.vec((left - right).T))  # row by row; a plain 0 is a list of zeros
+                residuals.append(ca.vec(operated("-", left, right).T))  # row by row; a plain 0 is a list of zeros
         self.context = self._context({})
         return lines, residuals
 
