@@ -18,7 +18,7 @@ from heavebond.equations.flatten import Flat, FlatEquation
 from heavebond.equations.lost_rank import Row
 from heavebond.equations.state_selection import Column
 from heavebond.equations.tearing import tear
-from heavebond.language.incidence import DEFINITE, NONLINEAR, PARAMETER, UNIT, classify
+from heavebond.language.incidence import DEFINITE, NONLINEAR, NUMBER, PARAMETER, UNIT, classify
 from heavebond.language.symbols import split, stack
 
 Array = NDArray[np.float64]
@@ -52,11 +52,12 @@ def column_name(flat: Flat, column: Column) -> str:
 
 @dataclass(frozen=True)
 class _Solved:
-    """An equation (row) that is linear in an unknown (column), a*v + b = 0: a and v = -b/a; `dead` where a is 0."""
+    """An equation (row) that is linear in an unknown (column), a*v + b = 0: a, None where it is a number, and v = -b/a;
+    `dead` where a is 0."""
 
     row: int
     column: int
-    coefficient: ca.SX
+    coefficient: ca.SX | None
     value: ca.SX
     dead: bool
 
@@ -191,9 +192,11 @@ class BlockSolver:
         solved: dict[int, _Solved] = {}
         for together in self._apart(pairs):
             coefficients, values = explicit(self.residuals[[r for r, _ in together]], self.symbols[[c for _, c in together]])
-            dead = self._zeros(coefficients, [self._kinds(r)[c] for r, c in together])
-            for (r, c), a, v, zero in zip(together, split(coefficients), split(values), dead, strict=True):
-                solved[r] = _Solved(r, c, a, v, zero)
+            kinds = [self._kinds(r)[c] for r, c in together]
+            dead = self._zeros(coefficients, kinds)
+            varying = iter(split(coefficients[[k for k, kind in enumerate(kinds) if kind > NUMBER]]))
+            for (r, c), kind, v, zero in zip(together, kinds, split(values), dead, strict=True):
+                solved[r] = _Solved(r, c, next(varying) if kind > NUMBER else None, v, zero)
         return [solved[r] for r, _ in pairs]
 
     def _apart(self, pairs: Sequence[tuple[int, int]]) -> list[list[tuple[int, int]]]:
@@ -233,7 +236,7 @@ class BlockSolver:
         for found in solved:
             self.defined.append(found.column)
             self.definitions.append(found.value)
-            if not found.coefficient.is_constant():
+            if found.coefficient is not None and not found.coefficient.is_constant():
                 name = column_name(self.flat, self.unknown[found.column])
                 self.pivots.append(Pivot(found.coefficient, name, self.flat.equations[self.rows[found.row][0]]))
 

@@ -44,7 +44,7 @@ from heavebond.equations.time_conditions import check_steps, timed
 from heavebond.language.definition import Domain, FileInput, Value
 from heavebond.language.incidence import EVERYTHING, Interval, classify
 from heavebond.language.model import Model
-from heavebond.language.symbols import nonsmooth, split, stack
+from heavebond.language.symbols import nonsmooth, places, split, stack
 from heavebond.language.template import LEVELS, Template, template
 from heavebond.language.values import add_formula_problem, check_dimension
 from heavebond.text.expression import ExpressionProblem, calling, constant, names, parse_formula
@@ -147,11 +147,16 @@ class Flat:
                                          component.unbalanced_why)
         return tuple(found[path] for path in leaves if path in found)
 
+    @cached_property
+    def places(self) -> dict[int, int]:
+        """Where the symbol of each parameter stands, by its hash."""
+        return places(self.p)
+
     @property
     def constant_hashes(self) -> set[int]:
         """The hashes of the symbols that never change during a run: the parameters without what is held."""
         held = {h.index for h in self.held}
-        return {s.element_hash() for k, s in enumerate(split(self.p)) if k not in held}
+        return {s for s, k in self.places.items() if k not in held}
 
 
 def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Flat:
@@ -211,7 +216,7 @@ class _Builder:
         self.n = len(self.unknowns)
         named = [ca.SX.sym(u.name) for u in self.unknowns]  # as they are printed; those of derivatives made in one call
         self.columns = (stack(named), *(ca.SX.sym("d" * k + "v", self.n) for k in range(1, LEVELS)))
-        self.levels = tuple(tuple(split(column)) for column in self.columns)
+        self.levels = (tuple(named), *(tuple(split(column)) for column in self.columns[1:]))
         self._numbers_of_a_run()
         check_asked(self.expanded.model, self._resolver(), (q.name for q in self.parameters.independent),
                     {h.name for h in self.held}, self.problems)
@@ -366,7 +371,7 @@ class _Builder:
 
     def _given_inputs(self) -> None:
         held = {self.constants[h.name].element_hash() for h in self.held}
-        resolver, parameters = self._resolver(), {s.element_hash() for s in split(self.parameters.p)} - held
+        resolver, parameters = self._resolver(), self.parameters.places.keys() - held
         for group in self.network.groups:
             if group.domain != "signal":
                 continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
 from math import inf, isfinite
 
@@ -17,7 +18,7 @@ from heavebond.equations.connect import Network
 from heavebond.equations.expanded import Bound, Expanded, Leaf
 from heavebond.language.definition import Domain, Formula, Parameter, Value
 from heavebond.language.incidence import Interval
-from heavebond.language.symbols import Context, evaluate, stack
+from heavebond.language.symbols import Context, evaluate, places, stack
 from heavebond.language.template import Template
 from heavebond.language.values import NOT_FINITE, add_formula_problem, check_bounds, check_dimension
 from heavebond.text.dimensions import number_dimension
@@ -48,6 +49,11 @@ class Parameters:
     expressions: dict[str, ca.SX]
     units: dict[str, Unit]
 
+    @cached_property
+    def places(self) -> dict[int, int]:
+        """Where the symbol of each independent parameter stands, by its hash."""
+        return places(self.p)
+
     @property
     def numbers(self) -> Array:
         """The values of `p` in SI."""
@@ -63,8 +69,12 @@ class Parameters:
 
     def values(self, wanted: list[str]) -> Array:
         """The numbers of parameters by name."""
-        found = ca.Function("v", [self.p], [stack([self.expressions[name] for name in wanted])])(self.numbers)
-        return np.array(found).ravel()
+        expressions = [self.expressions[name] for name in wanted]
+        # most are independent, or mean one that is: the same object
+        known = {id(self.expressions[q.name]): q.value for q in self.independent}
+        formulas = [e for e in expressions if id(e) not in known]
+        found = iter(np.array(ca.Function("v", [self.p], [stack(formulas)])(self.numbers)).ravel().tolist())
+        return np.array([known[id(e)] if id(e) in known else next(found) for e in expressions])
 
 
 def declared(expanded: Expanded) -> Iterator[tuple[str, Bound, Leaf | None]]:
@@ -324,11 +334,13 @@ def parameter_bounds(expanded: Expanded, parameters: Parameters) -> dict[int, In
     """The interval of each independent parameter by the hash of its symbol: the strictest of all that it stands for."""
     bounds: dict[int, Interval] = {}
     for name, parameter, _ in with_declaration(expanded):
+        if parameter.low is None and parameter.high is None:
+            continue
         symbol = parameters.expressions[name]
         if symbol.is_symbolic():
-            low, high = bounds.get(symbol.element_hash(), (-inf, inf))
-            bounds[symbol.element_hash()] = (max(low, -inf if parameter.low is None else parameter.low),
-                                             min(high, inf if parameter.high is None else parameter.high))
+            low, high = bounds.get(own := symbol.element_hash(), (-inf, inf))
+            bounds[own] = (max(low, -inf if parameter.low is None else parameter.low),
+                           min(high, inf if parameter.high is None else parameter.high))
     return bounds
 
 

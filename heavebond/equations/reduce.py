@@ -26,7 +26,7 @@ from heavebond.equations.lost_rank import Row, Simultaneous, losses
 from heavebond.equations.matching import block_lower_triangular, maximum_matching
 from heavebond.equations.state_selection import Column, Constraints, InitialGuess, constraints, select_states
 from heavebond.language.incidence import classify
-from heavebond.language.symbols import split, stack, uniform
+from heavebond.language.symbols import places, split, stack, uniform
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Reduced:
     @cached_property
     def _place(self) -> dict[int, int]:
         """Where each of the symbols stands, by its hash."""
-        return {s.element_hash(): k for k, s in enumerate(split(self.symbols))}
+        return places(self.symbols)
 
 
 def reduce(flat: Flat) -> Reduced:
@@ -176,7 +176,8 @@ class System:
     @cached_property
     def _value_of(self) -> dict[int, float]:
         """The values of the parameters by the hashes of their symbols."""
-        return {s.element_hash(): float(v) for s, v in zip(split(self.flat.p), self.p_values, strict=True)}
+        values = self.p_values.tolist()
+        return {s: values[k] for s, k in self.flat.places.items()}
 
     def numbers(self, expressions: ca.SX) -> NDArray[np.float64]:
         """The values (n,) of expressions in parameters alone. Given are the few parameters that occur: a function of all

@@ -15,7 +15,7 @@ from heavebond.equations.constraint_projection import constraint_equations
 from heavebond.equations.flatten import Flat
 from heavebond.equations.matching import components_of
 from heavebond.equations.resolver import Resolver
-from heavebond.language.symbols import split, stack, uniform
+from heavebond.language.symbols import stack, uniform
 
 Array = NDArray[np.float64]
 Column = tuple[int, int]  # (unknown, order of its derivative)
@@ -215,7 +215,7 @@ class InitialGuess:
     def __init__(self, flat: Flat):
         self._declared = np.array([0.0 if u.start is None else u.start for u in flat.unknowns])
         resolver = Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.levels, flat.time, flat.rate)
-        known = {s.element_hash() for s in [*split(flat.p), flat.time]}
+        known = {*flat.places, flat.time.element_hash()}
         self._asked: list[int] = []
         values = []
         for name, condition in flat.expanded.model.initial.conditions.items():

@@ -17,7 +17,7 @@ from heavebond.core.errors import Place, Problems
 from heavebond.core.units import DIMENSIONLESS
 from heavebond.equations.events import FlatEvent, FlatReset, Held
 from heavebond.equations.parameters import FlatParameter, Parameters
-from heavebond.language.symbols import CORNERS, split, stack
+from heavebond.language.symbols import CORNERS, places, split, stack
 
 NEVER = 1e300  # an instant that no run reaches
 TWO = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_POW, ca.OP_CONSTPOW, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE,
@@ -46,9 +46,10 @@ def check_steps(residuals: Iterable[ca.SX], told: Iterable[tuple[str, str, Place
                 problems: Problems) -> None:
     """`floor` of what moves between events jumps where no event stops the integrator: `floor-moves` for each equation in
     which the argument depends on more than the `numbers` (parameters and held variables)."""
-    constants = {s.element_hash() for s in split(numbers)}
-    for residual, (_, text, place) in zip(residuals, told, strict=True):
-        if "floor" in text and any(not {s.element_hash() for s in ca.symvar(a)} <= constants for a in _floored(residual)):
+    floored = [(r, text, place) for r, (_, text, place) in zip(residuals, told, strict=True) if "floor" in text]
+    constants = places(numbers).keys() if floored else set[int]()
+    for residual, text, place in floored:
+        if any(not {s.element_hash() for s in ca.symvar(a)} <= constants for a in _floored(residual)):
             problems.add("floor-moves", f"floor(...) of something that moves jumps within '{text}'", place,
                          hint="Write it in `then:` of a `when:`, which sets a held variable at every sample or crossing.")
 
@@ -86,7 +87,7 @@ def timed(residuals: list[ca.SX], told: Iterable[tuple[str, str, Place]], time: 
     if not any(by_time):  # as in nearly every diagram
         return TimeConditions(residuals, frozenset(), parameters, held, ())
     moving = {h.index for h in held}
-    constants = {s.element_hash() for k, s in enumerate(split(parameters.p)) if k not in moving}
+    constants = {s for s, k in parameters.places.items() if k not in moving}
     own, events, symbols, done = list[Held](), list[FlatEvent](), list[ca.SX](), list[ca.SX]()
     numbers, begin, smooth = Counter[str](), parameters.p.numel(), set[int]()
     for k, (residual, (owner, text, place)) in enumerate(zip(residuals, told, strict=True)):

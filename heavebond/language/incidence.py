@@ -37,10 +37,11 @@ def classify(residuals: ca.SX, unknowns: ca.SX, constants: set[int], bounds: Map
     it, whose derivative is zero).
     """
     jacobian = ca.jacobian(residuals, unknowns)
-    stepped = _stepped(residuals, unknowns)
-    own = [s.element_hash() for s in split(unknowns)]
     rows: list[list[Entry]] = [[] for _ in range(residuals.numel())]
     row_of, column_of = jacobian.sparsity().get_triplet()
+    occurring = sorted(set(column_of))  # perhaps few of many
+    own = {column: s.element_hash() for column, s in zip(occurring, split(unknowns[occurring]), strict=True)}
+    stepped = _stepped(residuals, {s: column for column, s in own.items()})
     # CasADi's stubs call the entries SXElem; they are scalar SX
     coefficients = cast(list[ca.SX], jacobian.nonzeros())
     kinds = [NONLINEAR if (row, column) in stepped else _kind(entry, own[column], constants)
@@ -56,12 +57,12 @@ STEPS = frozenset((ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND,
                    ca.OP_CEIL))
 
 
-def _stepped(residuals: ca.SX, unknowns: ca.SX) -> set[tuple[int, int]]:
-    """The (row, column) where a comparison, a sign or a whole number is made of the unknown: the residual is not linear in
-    it there, whatever the derivative is (`v - if_else(v > 0, a, b)` has the constant derivative 1)."""
-    own = {s.element_hash() for s in split(unknowns)}
-    others = [s for s in ca.symvar(residuals) if s.element_hash() not in own]
-    function = ca.Function("f", [unknowns, stack(others)], [residuals])
+def _stepped(residuals: ca.SX, column_of: Mapping[int, int]) -> set[tuple[int, int]]:
+    """The (row, column) where a comparison, a sign or a whole number is made of the unknown, whose column is given by its
+    hash: the residual is not linear in it there, whatever the derivative is (`v - if_else(v > 0, a, b)` has the constant
+    derivative 1)."""
+    symbols = ca.symvar(residuals)
+    function = ca.Function("f", [stack(symbols)], [residuals])
     ids = [function.instruction_id(k) for k in range(function.n_instructions())]
     if STEPS.isdisjoint(ids):
         return set()
@@ -69,12 +70,14 @@ def _stepped(residuals: ca.SX, unknowns: ca.SX) -> set[tuple[int, int]]:
     nothing: frozenset[int] = frozenset()
     work: dict[int, tuple[frozenset[int], frozenset[int]]] = {}
     found: set[tuple[int, int]] = set()
+    columns = [column_of.get(s.element_hash()) for s in symbols]
     for k, op in enumerate(ids):
         inputs, outputs = function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_OUTPUT:
             found.update((outputs[1], column) for column in work[inputs[0]][1])
         elif op == ca.OP_INPUT:
-            work[outputs[0]] = (frozenset((inputs[1],)) if inputs[0] == 0 else nothing, nothing)
+            column = columns[inputs[1]]
+            work[outputs[0]] = (nothing if column is None else frozenset((column,)), nothing)
         elif op == ca.OP_CONST:
             work[outputs[0]] = (nothing, nothing)
         else:

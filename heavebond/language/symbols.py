@@ -80,6 +80,11 @@ def split(column: ca.SX) -> list[ca.SX]:
     return cast(list[ca.SX], column.elements())
 
 
+def places(column: ca.SX) -> dict[int, int]:
+    """Where each symbol of a column stands in it, by its hash."""
+    return {s.element_hash(): k for k, s in enumerate(split(column))}
+
+
 def evaluate(expr: Expr, context: Context) -> ca.SX:
     """The value of an expression as SX; raises ExpressionProblem for a name that the context does not know."""
     if isinstance(expr, Number):

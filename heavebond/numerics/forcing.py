@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from heavebond.language.symbols import split, stack
+from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, Assembly
 
 
@@ -45,7 +45,7 @@ class Forcing:
         self._functions: ca.Function | None = None
         if not found:
             return
-        order = {s.element_hash(): k for k, s in enumerate(split(p))}
+        order = assembly.flat.places
         used = [s for s in ca.symvar(stack(found)) if s.element_hash() in order]
         self._felt = [order[s.element_hash()] for s in used]
         self._functions = ca.Function("forcing", [time, stack(used)], [stack(found)])

@@ -106,7 +106,7 @@ def _response(flat: Flat, rows: list[int], reduced: Reduced) -> Array | None:
     x, z = pushed.x, pushed.z
     wanted = [ca.densify(ca.jacobian(a, b)) for a in (pushed.ode, pushed.alg) for b in (forces, z)]
     symbols = ca.symvar(ca.veccat(*wanted))
-    values = {s.element_hash(): q.value for s, q in zip(split(flat.p), flat.parameters, strict=True)}
+    values = {s: flat.parameters[k].value for s, k in flat.places.items()}
     draw = np.random.default_rng(0)
     for unknowns, symbol in ((pushed.states, x), (pushed.algebraic, z)):
         for (unknown, _), s in zip(unknowns, split(symbol), strict=True):

@@ -225,7 +225,7 @@ def _passes_zero(result: Result) -> bool:
 def _varying_pivots(assembly: Assembly) -> ca.Function | None:
     """The coefficients (k, 1) that are divided by and may vary along a run; None where all follow from parameters."""
     whole = assembly.pivots(*assembly.arguments)
-    fixed = {s.element_hash() for s in split(assembly.flat.p)}
+    fixed = assembly.flat.places.keys()
     varying = [c for c in split(whole) if any(s.element_hash() not in fixed for s in ca.symvar(c))]
     return ca.Function("varying_pivots", list(assembly.arguments), [stack(varying)]) if varying else None
 

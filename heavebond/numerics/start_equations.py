@@ -251,7 +251,7 @@ class StartEquations:
         """The parameters (indices) on which the start depends: others may be changed without solving it again."""
         stand = stack([*(row.residual for row in (*self.rows, *self.guesses)), self.guess.expressions])
         there = {s.element_hash() for s in ca.symvar(stand)}
-        return np.array([k for k, s in enumerate(split(self.assembly.flat.p)) if s.element_hash() in there], np.int64)
+        return np.array([k for s, k in self.assembly.flat.places.items() if s in there], np.int64)
 
     @cached_property
     def widths(self) -> list[int]:
@@ -278,7 +278,7 @@ class StartEquations:
     def constants(self) -> tuple[list[Pivot], Buffered]:
         """The coefficients of parameters alone that were divided by, and their values, given the parameters."""
         p, pivots = self.assembly.flat.p, self.assembly.reduced.pivots
-        known = {s.element_hash() for s in split(p)}
+        known = self.assembly.flat.places.keys()
         found = [q for q in pivots if {s.element_hash() for s in ca.symvar(q.coefficient)} <= known]
         return found, Buffered(ca.Function("constants", [p], [stack([q.coefficient for q in found])]))
 
