@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -50,8 +51,7 @@ def column_name(flat: Flat, column: Column) -> str:
     return name if order == 0 else f"der({name})" if order == 1 else f"der{order}({name})"
 
 
-@dataclass(frozen=True)
-class _Solved:
+class _Solved(NamedTuple):
     """An equation (row) that is linear in an unknown (column), a*v + b = 0: a, None where it is a number, and v = -b/a;
     `dead` where a is 0."""
 

@@ -11,7 +11,7 @@ from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.ownership import Names
 from heavebond.equations.parameters import solved_unit
 from heavebond.equations.resolver import NOTHING_KNOWN, Bond, PlausibleRange, Unknown, plausible
-from heavebond.language.definition import Domain, Member, Value
+from heavebond.language.definition import Member, Value
 from heavebond.language.template import Template
 from heavebond.text.expression import Expr, names
 from heavebond.text.shapes import whole_number
@@ -31,11 +31,13 @@ class Unknowns:
         self.block_bonds: dict[str, Bond] = {}
         self.nominal_of: dict[Dimension, float] = {}
         self.plausible_of: dict[str, PlausibleRange] = {}  # by unit: a torque and an energy differ in no dimension
-        for domain in self.domains.values():
+        self.plausible: dict[str, dict[str, PlausibleRange]] = {}  # of the members of each domain
+        for key, domain in self.domains.items():
+            self.plausible[key] = {name: plausible(domain, name) for name in domain.members}
             for name, member in domain.members.items():
                 self.nominal_of.setdefault(member.unit.dimension, member.nominal)
                 if member.sized:
-                    usual = PlausibleRange(member.nominal, plausible(domain, name).per_second)
+                    usual = PlausibleRange(member.nominal, self.plausible[key][name].per_second)
                     self.plausible_of.setdefault(member.unit.text, usual)
         self._make(also)
 
@@ -48,7 +50,7 @@ class Unknowns:
                 self._across_unknowns(group, positions.get(k, ()))
         for path, leaf in self.expanded.leaves.items():
             for port, domain_name in self.network.domains[path].items():
-                self._through_unknowns(path, port, self.domains[domain_name], leaf)
+                self._through_unknowns(path, port, domain_name, leaf)
             for name, variable in leaf.component.unknowns.items():
                 unit = solved_unit(variable.unit, leaf, self.expanded, self.network)
                 usual = self.plausible_of.get(unit.text, NOTHING_KNOWN)
@@ -85,10 +87,12 @@ class Unknowns:
             low, high = (-inf, inf) if member.low is None else (member.low, member.largest or inf)
             self._unknown(Unknown(f"{group.name}.{name}", member.unit, member.nominal, role, group.place, member.doc,
                                   low, high, start=member.start,
-                                  motion=bool(domain.positions) and role == "across", plausible=plausible(domain, name)),
+                                  motion=bool(domain.positions) and role == "across",
+                                  plausible=self.plausible[group.domain][name]),
                           [f"{alias}.{name}" for alias in group.aliases])
 
-    def _through_unknowns(self, path: str, port: str, domain: Domain, leaf: Leaf) -> None:
+    def _through_unknowns(self, path: str, port: str, domain_name: str, leaf: Leaf) -> None:
+        domain, usual = self.domains[domain_name], self.plausible[domain_name]
         count = leaf.component.ports[port].count
         copies = [port] if count is None else [
             f"{port}[{k + 1}]" for k in range(whole_number(count, leaf.integers) or 0)]
@@ -96,7 +100,7 @@ class Unknowns:
             for name in domain.through:
                 member = domain.members[name]
                 self._unknown(Unknown(f"{path}.{copy}.{name}", member.unit, member.nominal, "through", leaf.place,
-                                      member.doc, plausible=plausible(domain, name)), ())
+                                      member.doc, plausible=usual[name]), ())
             efforts, flows = (domain.efforts, domain.flows) if not domain.power else ((), (domain.power,))
             bonds = self.block_bonds if leaf.component.composite else self.bonds
             bonds[f"{path}.{copy}"] = Bond(path, tuple(self.names[f"{path}.{copy}.{effort}"] for effort in efforts),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import cast
+from typing import NamedTuple, cast
 
 import casadi as ca
 
@@ -17,8 +17,7 @@ Interval = tuple[float, float]
 EVERYTHING: Interval = (-inf, inf)
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(NamedTuple):
     """Unknown `column` in an equation: its kind and, where it is linear, the coefficient d(residual)/d(unknown)."""
 
     column: int
