@@ -207,7 +207,7 @@ class _Maker:
     bad: set[str] = field(default_factory=set)
     # found right before, by what it follows from (`_alike`): units, and values that name no parameter
     checked: dict[Hashable, Unit] = field(default_factory=dict)
-    numbers: dict[Hashable, ca.SX] = field(default_factory=dict)
+    numbers: dict[Hashable, float] = field(default_factory=dict)
     named: dict[int, tuple[str, ...]] = field(default_factory=dict)  # the names in a value, by its identity
 
     def make(self, name: str, bound: Bound, leaf: Leaf | None) -> None:
@@ -223,25 +223,26 @@ class _Maker:
         alike = self._alike(name, bound, leaf, needed, integers)
         try:
             unit = self.checked.get(alike) or self._checked(name, bound, leaf, alike)
-            found = self.numbers.get(alike)
-            if found is None:
-                found = self._value(bound, integers)
+            number = expr.value if isinstance(expr := bound.value.expr, Number) else self.numbers.get(alike)
+            found = self._value(bound, integers) if number is None else None
         except ExpressionProblem as problem:
             add_formula_problem(problem, bound.value, self.problems)
             self.bad.add(name)
             return
-        if found.is_constant():
+        if found is not None and found.is_constant():
             number = float(found)
+            if alike in self.checked and all(text == "pi" or text in integers for text in needed):
+                self.numbers[alike] = number
+        if number is not None:
             if not isfinite(number):
                 self.problems.add("value-not-finite", f"{name} = {bound.value.text.lstrip('= ')} has no finite value",
                                   bound.value.place, hint=NOT_FINITE)
                 self.bad.add(name)
                 return
-            if alike in self.checked and all(text == "pi" or text in integers for text in needed):
-                self.numbers[alike] = found
             found = ca.SX.sym(name)
             self.independent.append(FlatParameter(name, number, unit, bound.place))
             self.symbols.append(found)
+        assert found is not None
         self.expressions[name], self.units[name] = found, unit
 
     def _alike(self, name: str, bound: Bound, leaf: Leaf | None, needed: Sequence[str], integers: Mapping[str, int]
