@@ -52,13 +52,13 @@ def column_name(flat: Flat, column: Column) -> str:
 
 
 class _Solved(NamedTuple):
-    """An equation (row) that is linear in an unknown (column), a*v + b = 0: a, None where it is a number, and v = -b/a;
-    `dead` where a is 0."""
+    """An equation (row) that is linear in an unknown (column), a*v + b = 0: a, None where it is a number, and the number of
+    v = -b/a among the solutions; `dead` where a is 0."""
 
     row: int
     column: int
     coefficient: ca.SX | None
-    value: ca.SX
+    value: int
     dead: bool
 
 
@@ -97,11 +97,27 @@ class BlockSolver:
         self.flat, self.rows, self.unknown, self.entries = flat, rows, unknown, entries
         self.residuals, self.symbols, self.constants, self.numbers = residuals, symbols, constants, numbers
         self.defined: list[int] = []  # columns
-        self.definitions: list[ca.SX] = []
+        self._definitions: list[int] = []  # among the solutions
+        self._solutions: list[ca.SX] = []  # columns, which are stacked far faster than their elements
+        self._number = 0  # of all in these
         self.pivots: list[Pivot] = []
         self.torn: list[int] = []
         self.remaining: list[tuple[ca.SX, Row]] = []
         self.loops: list[Loop] = []
+
+    @property
+    def definitions(self) -> ca.SX:
+        """Those of what is defined, each in terms of those before it."""
+        return self._chosen(self._definitions)
+
+    def _chosen(self, numbers: Sequence[int]) -> ca.SX:
+        return ca.densify(ca.vertcat(*self._solutions)[numbers]) if numbers else ca.SX(0, 1)
+
+    def _kept(self, values: ca.SX) -> range:
+        """The numbers of these solutions."""
+        self._solutions.append(values)
+        begin, self._number = self._number, self._number + values.numel()
+        return range(begin, self._number)
 
     def solve(self, blocks: Sequence[tuple[list[int], list[int]]]) -> None:
         """Solve the blocks, each the numbers of its rows and columns, in the order in which they can be evaluated.
@@ -195,7 +211,7 @@ class BlockSolver:
             kinds = [self._kinds(r)[c] for r, c in together]
             dead = self._zeros(coefficients, kinds)
             varying = iter(split(coefficients[[k for k, kind in enumerate(kinds) if kind > NUMBER]]))
-            for (r, c), kind, v, zero in zip(together, kinds, split(values), dead, strict=True):
+            for (r, c), kind, v, zero in zip(together, kinds, self._kept(values), dead, strict=True):
                 solved[r] = _Solved(r, c, next(varying) if kind > NUMBER else None, v, zero)
         return [solved[r] for r, _ in pairs]
 
@@ -235,7 +251,7 @@ class BlockSolver:
     def _define(self, solved: Sequence[_Solved]) -> None:
         for found in solved:
             self.defined.append(found.column)
-            self.definitions.append(found.value)
+            self._definitions.append(found.value)
             if found.coefficient is not None and not found.coefficient.is_constant():
                 name = column_name(self.flat, self.unknown[found.column])
                 self.pivots.append(Pivot(found.coefficient, name, self.flat.equations[self.rows[found.row][0]]))
@@ -249,14 +265,14 @@ class BlockSolver:
         given = [s for block in blocks for s in block.solved]
         raw = self.residuals[[r for block in blocks for r in block.residual]]
         if given:
-            values = ca.densify(stack([s.value for s in given]))
+            values = self._chosen([s.value for s in given])
             raw, = ca.substitute_inplace([self.symbols[[s.column for s in given]]], [values], [raw], False)[1]
         _share_out(split(raw), blocks)
         waiting = list(blocks)
         while chosen := self._choices(waiting):
             symbols = self.symbols[[block.torn[k] for block, _, k in chosen]]
             coefficients, values = explicit(stack([block.remaining[i] for block, i, _ in chosen]), symbols)
-            for (block, i, k), a, value in zip(chosen, split(coefficients), split(values), strict=True):
+            for (block, i, k), a, value in zip(chosen, split(coefficients), self._kept(values), strict=True):
                 block.eliminated.append(_Solved(block.residual[i], block.torn[k], a, value, dead=False))
                 del block.remaining[i], block.residual[i], block.torn[k]
             waiting = [block for block, _, _ in chosen if block.torn]

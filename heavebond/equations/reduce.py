@@ -217,9 +217,8 @@ class System:
         piggyback = [rates, stack([r for r, _ in solver.remaining]),
                      stack([p.coefficient for p in solver.pivots])]
         defined, expressions, others = system.unknowns[solver.defined], ca.SX(0, 1), piggyback
-        if solver.defined:  # each in terms of those before it
-            definitions = ca.densify(stack(solver.definitions))
-            (expressions,), others = ca.substitute_inplace([defined], [definitions], piggyback, False)
+        if solver.defined:
+            (expressions,), others = ca.substitute_inplace([defined], [solver.definitions], piggyback, False)
         pivots = tuple(Pivot(c, p.unknown, p.equation)
                        for c, p in zip(split(others[2]), solver.pivots, strict=True))
         order = self.order
@@ -278,8 +277,9 @@ def _system(flat: Flat, chain: Chain, result: Pantelides) -> System:
     low, high = ca.vertcat(*columns[:-1]), ca.vertcat(*columns[1:])
     for known in flat.inputs:
         low, high = stack([low, known.symbols[:-1]]), stack([high, known.symbols[1:]])
-    every: list[Row] = [(i, 0) for i in range(len(flat.residuals))]
-    residuals, last, rows = [flat.residual_column], flat.residual_column, list(range(len(flat.residuals)))
+    rows = list(range(len(flat.equations)))
+    every: list[Row] = [(i, 0) for i in rows]
+    residuals, last = [flat.residual_column], flat.residual_column
     k = 1
     while wanted := [place for place, i in enumerate(rows) if result.order[i] >= k]:
         stacked, rows = last[wanted], [rows[place] for place in wanted]
