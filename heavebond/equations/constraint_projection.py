@@ -78,7 +78,7 @@ def constraint_equations(flat: Flat, order: Sequence[int]) -> ConstraintEquation
     rows = tuple(i for i, k in enumerate(order) if k and all(packed < n for packed, _ in flat.entries[i]))
     if not rows or len(rows) > LARGE:
         return None
-    residuals = stack(flat.residuals[i] for i in rows)
+    residuals = flat.residual_column[list(rows)]
     if {s.element_hash() for s in ca.symvar(residuals)} & {s.element_hash() for k in flat.inputs for s in split(k.symbols)}:
         return None
     columns = tuple(sorted({packed for i in rows for packed, _ in flat.entries[i]}))

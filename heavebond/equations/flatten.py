@@ -117,7 +117,7 @@ class Flat:
     rate: ca.SX
     inputs: tuple[KnownInput, ...]
     equations: tuple[FlatEquation, ...]
-    residuals: tuple[ca.SX, ...]
+    residual_column: ca.SX
     entries: tuple[Entries, ...]
     names: dict[str, int]
     constants: dict[str, ca.SX]
@@ -131,9 +131,9 @@ class Flat:
     domains: dict[str, Domain] = field(default_factory=dict)    # by the path of a node or port
 
     @cached_property
-    def residual_column(self) -> ca.SX:
-        """The residuals (n,)."""
-        return stack(self.residuals)
+    def residuals(self) -> tuple[ca.SX, ...]:
+        """Each of the residuals."""
+        return tuple(split(self.residual_column))
 
     @cached_property
     def energetics(self) -> tuple[Energetics, ...]:
@@ -181,7 +181,7 @@ def unclocked(flat: Flat) -> Flat:
     symbols, passed = stack(flat.constants[e.name] for e in own), stack(e.first <= flat.time for e in own)
     gone, last = {name for e in own for name in (e.name, f"initial.{e.name}")}, -len(own)  # they were put in as the last
     return replace(flat, parameters=flat.parameters[:last], p=flat.p[:last], held=flat.held[:last],
-                   residuals=tuple(ca.substitute(list(flat.residuals), [symbols], [passed])),
+                   residual_column=ca.substitute(flat.residual_column, symbols, passed),
                    events=tuple(event for event in flat.events if not event.by_clock),
                    constants={name: s for name, s in flat.constants.items() if name not in gone},
                    units={name: u for name, u in flat.units.items() if name not in gone})
@@ -199,7 +199,10 @@ class _Builder:
         self.constants = parameters.expressions
         self.inputs: list[KnownInput] = []
         self.equations: list[FlatEquation] = []
-        self.residuals: list[ca.SX] = []
+        self.pieces: list[ca.SX] = []  # residuals: columns are stacked far faster than their elements
+        self.number = 0  # of all in these
+        self.order: list[int] = []  # where that of each equation stands
+        self.residuals = ca.SX(0, 1)
         self.entries: list[Entries] = []
         self.energies: list[tuple[tuple[str, ...], ca.SX]] = []
         self.bonds: dict[str, Bond] = {}
@@ -234,7 +237,7 @@ class _Builder:
         bounds.update({self.constants[e.name].element_hash(): (0.0, 1.0) for e in self.events if e.by_clock})
         return Flat(self.expanded, tuple(self.unknowns), self.columns, self.levels,
                     self.parameters.independent, self.parameters.p, self.time, self.rate, tuple(self.inputs),
-                    tuple(self.equations), tuple(self.residuals), tuple(self.entries), self.names, self.constants,
+                    tuple(self.equations), self.residuals, tuple(self.entries), self.names, self.constants,
                     self.parameters.units, tuple(self.energies), bounds, self.held, tuple(self.events), self.bonds,
                     self.block_bonds, {path: self.domains[group.domain] for group in self.network.groups
                                        if group.domain in self.domains for path in group.aliases})
@@ -242,6 +245,7 @@ class _Builder:
     def _clocks(self) -> None:
         """What equations ask of the time becomes what is held between events."""
         told = [(e.owner, e.text, e.place) for e in self.equations]
+        self.residuals = ca.densify(ca.vertcat(*self.pieces)[self.order]) if self.order else ca.SX(0, 1)
         check_steps(self.residuals, told, self.parameters.p, self.problems)
         self.problems.raise_as(ModelError)
         found = timed(self.residuals, told, self.time, self.parameters, self.held)
@@ -289,9 +293,15 @@ class _Builder:
             self.templates[path] = template(component, self.domains, self.network.domains[path], leaf.integers)
 
     # -- equations -------------------------------------------------------------------------------------------------
-    def _add(self, equation: FlatEquation, residual: ca.SX, entries: Entries) -> None:
+    def _kept(self, residuals: ca.SX) -> range:
+        """The numbers of these residuals, of columns from left to right."""
+        self.pieces.append(ca.vec(residuals))
+        begin, self.number = self.number, self.number + residuals.numel()
+        return range(begin, self.number)
+
+    def _add(self, equation: FlatEquation, residual: int, entries: Entries) -> None:
         self.equations.append(equation)
-        self.residuals.append(residual)
+        self.order.append(residual)
         self.entries.append(entries)
 
     def _node_equations(self) -> None:
@@ -309,7 +319,7 @@ class _Builder:
                     f"{group.name}.{flow} = der({group.name}.{position})", group.place,
                     role=EquationRole.RATE, subject=f"{group.name}.{flow}"))
         rates = self.columns[0][[v for v, _ in pairs]] - self.columns[1][[x for _, x in pairs]]
-        for equation, (v, x), residual in zip(equations, pairs, split(rates), strict=True):
+        for equation, (v, x), residual in zip(equations, pairs, self._kept(rates), strict=True):
             self._add(equation, residual, [(v, 0), (self.n + x, 0)])
 
     def _sums(self) -> None:
@@ -331,7 +341,7 @@ class _Builder:
             return
         rows, signs, columns = zip(*((i, sign, j) for i, row in enumerate(ends) for sign, j in row), strict=True)
         incidence = ca.DM.triplet(rows, columns, ca.DM(signs), len(ends), self.n)
-        totals = split(ca.mtimes(ca.SX(incidence), self.columns[0]))
+        totals = self._kept(ca.mtimes(ca.SX(incidence), self.columns[0]))
         for equation, row, total in zip(equations, ends, totals, strict=True):
             self._add(equation, total, [(j, 0) for _, j in row])
 
@@ -351,20 +361,22 @@ class _Builder:
                 entries = [((e.column // size) * self.n + own[e.column % size], e.kind) for e in row]
                 self._add(FlatEquation(path, line.label, line.text, line.place, line.kink), residual, _merged(entries))
 
-    def _evaluated_templates(self) -> dict[str, tuple[list[ca.SX], list[ca.SX]]]:
-        """Residuals and events of each leaf; a template is called once for all its leaves, a column for each."""
+    def _evaluated_templates(self) -> dict[str, tuple[range, list[ca.SX]]]:
+        """The numbers of the residuals of each leaf, and its events; a template is called once for all its leaves, a column
+        for each."""
         users: dict[Template, list[str]] = {}
         for path, made in self.templates.items():
             users.setdefault(made, []).append(path)
-        found: dict[str, tuple[list[ca.SX], list[ca.SX]]] = {}
+        found: dict[str, tuple[range, list[ca.SX]]] = {}
         for made, paths in users.items():
             slots = [self.names[f"{path}.{slot}"] for path in paths for slot in made.slots]
             own = [self.constants[f"{path}.{name}"] for path in paths for name in made.given]
             inputs = [*(ca.reshape(column[slots], len(made.slots), len(paths)) for column in self.columns),
                       ca.reshape(stack(own), len(made.given), len(paths)), self.time, self.rate]
             happenings = made.happenings(*inputs) if made.happenings else ca.SX(0, len(paths))
-            columns = (_columns(m, len(paths)) for m in (made.residuals(*inputs), happenings))
-            found.update(zip(paths, zip(*columns, strict=True), strict=True))
+            kept, height = self._kept(made.residuals(*inputs)), len(made.lines)
+            residuals = (kept[k * height:(k + 1) * height] for k in range(len(paths)))
+            found.update(zip(paths, zip(residuals, _columns(happenings, len(paths)), strict=True), strict=True))
             if not self.expanded.leaves[paths[0]].component.composite:  # leaves of one template are of one component
                 self.energies.append((tuple(paths), made.energy(*inputs)))
         return found
@@ -382,7 +394,7 @@ class _Builder:
                     self._add(FlatEquation(path.rpartition(".")[0], f"{path} as measured",
                                            f"{path} = {bound.value.column}", bound.place,
                                            role=EquationRole.MEASURED, subject=path),
-                              self.levels[0][column] - self.constants[f"scale.{path}"] * known.symbols[0],
+                              self._kept(self.levels[0][column] - self.constants[f"scale.{path}"] * known.symbols[0])[0],
                               [(column, 0)])
                 else:
                     self._formula_input(path, column, bound, resolver, parameters)
@@ -417,7 +429,7 @@ class _Builder:
         row = classify(residual, occurring, parameters, {})[0]
         kink = nonsmooth(value.expr, lambda text: text == "pi" or bound.scope + text in self.constants)
         self._add(FlatEquation(path.rpartition(".")[0], f"{path} as given", f"{path} = {value.text.lstrip('= ')}",
-                               value.place, kink, role=EquationRole.GIVEN, subject=path), residual,
+                               value.place, kink, role=EquationRole.GIVEN, subject=path), self._kept(residual)[0],
                   [(e.column // len(columns) * self.n + columns[e.column % len(columns)], e.kind) for e in row])
 
 

@@ -90,7 +90,7 @@ class _Finder:
         rows = [i for leaf in leaves for i in self.equations.get(leaf, [])]
         if not rows:
             return ()
-        residuals = stack([self.flat.residuals[i] for i in rows])
+        residuals = self.flat.residual_column[rows]
         moved = split(ca.jtimes(residuals, stack(symbols), ca.SX.ones(len(symbols))))
         felt = [i for i, change in zip(rows, moved, strict=True) if not change.is_zero()]
         return tuple(dict.fromkeys(self.flat.equations[i].owner for i in felt if self._bears(domain, i)))

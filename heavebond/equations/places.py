@@ -18,6 +18,7 @@ import casadi as ca
 from heavebond.core.units import Unit
 from heavebond.equations.flatten import EquationRole, Flat, KnownInput
 from heavebond.language.definition import Domain, FileInput
+from heavebond.language.symbols import stack
 
 
 @dataclass(frozen=True)
@@ -150,4 +151,4 @@ def with_virtual_sources(flat: Flat, nodes: Mapping[str, Node], file: Path) -> F
         inputs.append(KnownInput(name, source, node.unit, symbols))
         # what flows into the components sums to what the source delivers
         residuals[row] = residuals[row] - symbols[0]
-    return replace(flat, residuals=tuple(residuals), inputs=tuple(inputs))
+    return replace(flat, residual_column=stack(residuals), inputs=tuple(inputs))

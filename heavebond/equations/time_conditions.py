@@ -42,11 +42,11 @@ def clocked(residual: ca.SX, time: ca.SX, constants: set[int]) -> tuple[ca.SX, l
     return (rebuilt, walk.found, walk.kinked) if walk.found else (residual, [], True)
 
 
-def check_steps(residuals: Iterable[ca.SX], told: Iterable[tuple[str, str, Place]], numbers: ca.SX,
+def check_steps(residuals: ca.SX, told: Iterable[tuple[str, str, Place]], numbers: ca.SX,
                 problems: Problems) -> None:
     """`floor` of what moves between events jumps where no event stops the integrator: `floor-moves` for each equation in
     which the argument depends on more than the `numbers` (parameters and held variables)."""
-    floored = [(r, text, place) for r, (_, text, place) in zip(residuals, told, strict=True) if "floor" in text]
+    floored = [(residuals[k], text, place) for k, (_, text, place) in enumerate(told) if "floor" in text]
     constants = places(numbers).keys() if floored else set[int]()
     for residual, text, place in floored:
         if any(not {s.element_hash() for s in ca.symvar(a)} <= constants for a in _floored(residual)):
@@ -73,26 +73,27 @@ class TimeConditions:
     """Residuals with what they took from the time held, the parameters with the begins of that, and when it changes;
     `smooth` are the numbers of residuals that have no kink between these instants."""
 
-    residuals: list[ca.SX]
+    residuals: ca.SX
     smooth: frozenset[int]
     parameters: Parameters
     held: tuple[Held, ...]
     events: tuple[FlatEvent, ...]
 
 
-def timed(residuals: list[ca.SX], told: Iterable[tuple[str, str, Place]], time: ca.SX, parameters: Parameters,
+def timed(residuals: ca.SX, told: Iterable[tuple[str, str, Place]], time: ca.SX, parameters: Parameters,
           held: tuple[Held, ...]) -> TimeConditions:
     """All residuals clocked; `told` are owner, text and place of their equations, `held` what is held already."""
-    by_time = ca.which_depends(stack(residuals), time, 1, True)
+    by_time = ca.which_depends(residuals, time, 1, True)
     if not any(by_time):  # as in nearly every diagram
         return TimeConditions(residuals, frozenset(), parameters, held, ())
     moving = {h.index for h in held}
     constants = {s for s, k in parameters.places.items() if k not in moving}
-    own, events, symbols, done = list[Held](), list[FlatEvent](), list[ca.SX](), list[ca.SX]()
+    own, events, symbols, done = list[Held](), list[FlatEvent](), list[ca.SX](), ca.SX(residuals)
     numbers, begin, smooth = Counter[str](), parameters.p.numel(), set[int]()
-    for k, (residual, (owner, text, place)) in enumerate(zip(residuals, told, strict=True)):
-        rebuilt, passings, kinked = clocked(residual, time, constants) if by_time[k] else (residual, [], True)
-        done.append(rebuilt)
+    for k, (owner, text, place) in enumerate(told):
+        if not by_time[k]:
+            continue
+        done[k], passings, kinked = clocked(residuals[k], time, constants)
         smooth |= set() if kinked else {k}
         for passing in passings:
             numbers[owner] += 1
@@ -102,12 +103,12 @@ def timed(residuals: list[ca.SX], told: Iterable[tuple[str, str, Place]], time: 
             reset = FlatReset(name, None, index, ca.SX(1), place)
             events.append(FlatEvent(name, text, place, None, passing.instant, None, (reset,), by_clock=True))
     if not own:
-        return TimeConditions(done, frozenset(), parameters, held, ())
+        return TimeConditions(residuals, frozenset(), parameters, held, ())
     joined = parameters.joined(FlatParameter(f"initial.{h.name}", 0.0, h.unit, h.place) for h in own)
     places = split(joined.p)[begin:]
     joined = replace(joined, expressions={**joined.expressions, **{h.name: p for h, p in zip(own, places, strict=True)}},
                      units={**joined.units, **{h.name: h.unit for h in own}})
-    done = ca.substitute(done, [stack(symbols)], [stack(places)])
+    done = ca.substitute(done, stack(symbols), stack(places))
     return TimeConditions(done, frozenset(smooth), joined, (*held, *own), tuple(events))
 
 

@@ -100,7 +100,8 @@ def _response(flat: Flat, rows: list[int], reduced: Reduced) -> Array | None:
         residuals[row] = residuals[row] + force
     place, unit = flat.equations[rows[0]].place, flat.unknowns[0].unit
     more = tuple(FlatParameter(f"force_{k}", 0.0, unit, place) for k in range(len(rows)))
-    pushed = reduce(replace(flat, residuals=tuple(residuals), p=stack([flat.p, forces]), parameters=flat.parameters + more))
+    pushed = reduce(replace(flat, residual_column=stack(residuals), p=stack([flat.p, forces]),
+                            parameters=flat.parameters + more))
     if pushed.states != reduced.states:
         return None
     x, z = pushed.x, pushed.z
