@@ -361,7 +361,14 @@ def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Can
 def _settled(component: Component, effect: Effect, name: str) -> dict[str, str]:
     """What stands still at the start: a machine that runs already when a record begins has not just had a line filled. (A
     guess: where the conditions of the diagram decide it, they hold.)"""
-    return {f"{name}.{v}": f"~ {quantity(0.0, component.variables[v].unit)}" for v in effect.settled}
+    found = {}
+    for variable in effect.settled:
+        if variable.startswith("der("):
+            own = variable.removeprefix("der(").removesuffix(")")
+            found[f"der({name}.{own})"] = f"~ 0 {component.variables[own].unit.text}/s"
+        else:
+            found[f"{name}.{variable}"] = f"~ {quantity(0.0, component.variables[variable].unit)}"
+    return found
 
 
 def _signal_ports(component: Component) -> tuple[str, str]:

@@ -175,7 +175,8 @@ class Effect:
     amplitude: parameters that are zero where the effect is absent (None), or that have no such value and are sought
     within a range; shapes: the other parameters that are sought; also: further ports and the domain on whose nodes they
     are tried; replaces: the component whose place it takes, `start` giving its parameters by those of the `old` one;
-    settled: variables that are zero at the start of a record, as far as that is open: a machine that runs already.
+    settled: variables (`v`) and rates (`der(v)`) that are zero at the start of a record, as far as that is open: a
+    machine that runs already.
     """
 
     kind: str

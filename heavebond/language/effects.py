@@ -181,11 +181,12 @@ class EffectReader:
     def _settled(self, node: Node | None) -> tuple[str, ...]:
         found = []
         for word in reading.words(node, "settled", self.problems):
-            if word.text in self.variables:
+            name = word.text.removeprefix("der(").removesuffix(")") if word.text.startswith("der(") else word.text
+            if name in self.variables:
                 found.append(word.text)
             else:
-                self.problems.add("effect-settled", f"'{word.text}' is no variable of this component", word.place,
-                                  hint=suggest(word.text, self.variables) or f"Variables: {listing(self.variables)}.")
+                self.problems.add("effect-settled", f"'{name}' is no variable of this component", word.place,
+                                  hint=suggest(name, self.variables) or f"Variables: {listing(self.variables)}.")
         return tuple(found)
 
     def _check(self, entry: Mapping) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -57,6 +58,7 @@ class InitialisationConstants:
     share: float = 1e-3
 
 
+RATE = re.compile(r"der\((.+)\)")
 INITIALISATION = InitialisationConstants()
 
 
@@ -174,8 +176,23 @@ class StartEquations:
         held = {h.name for h in assembly.flat.held}  # what these start at stands among the parameters
         conditions = [c for c in self.initial.conditions.values() if c.name not in held]
         self.rows = [*self.loops, *(self._condition(c) for c in conditions if not c.guess), *self._mode()]
-        self.guesses = [self._condition(c) for c in conditions if c.guess]
+        self.guesses = [self._condition(c) for c in conditions if c.guess and self._decides(c)]
         self.guess = InitialGuess(assembly.flat)
+
+    def _decides(self, guess: Condition) -> bool:
+        """Whether a guess is used: one of a rate, `der(joint.v): ~ 0`, only where the variable consists of speeds alone. The
+        positions that they leave open then follow from it (the elongation of a spring between two masses, from the load
+        that it carries). Otherwise the variable's own guess decides the positions, as that of a joint without mass does."""
+        inner = RATE.fullmatch(guess.name)
+        if inner is None:
+            return True
+        assembly, states = self.assembly, self.assembly.reduced.states
+        speeds = {s.element_hash() for s, (j, order) in zip(split(assembly.arguments[1]), states, strict=True)
+                  if assembly.flat.unknowns[j].motion or order > 0}
+        value = assembly.expression(assembly.model.library.formula(inner[1]))
+        within = {s.element_hash() for s in ca.symvar(value)} & {s.element_hash() for a in assembly.arguments[1:3]
+                                                                for s in split(a)}
+        return bool(within) and within <= speeds
 
     def _mode(self) -> list[StartRow]:
         assembly, rows = self.assembly, []
