@@ -56,8 +56,8 @@ def test_a_rope_between_two_masses_begins_with_the_force_that_the_rigid_one_tran
     force = 300*(9.81 + acceleration)
     assert found["series_compliance.F"][0] == pytest.approx(force, rel=1e-9)
     assert [found["load.v"][0], found["rope_b.v"][0]] == pytest.approx([0, 0], abs=1e-12)
-    # the ends then move together: no oscillation but that of the bearing's torque
-    assert found["load.v"] == pytest.approx(found["rope_b.v"], abs=2e-3*abs(found["load.v"]).max())
+    # the ends then move together: no oscillation but that of the bearing's torque, 0.2 %; from an unloaded rope it is 60 %
+    assert found["load.v"] == pytest.approx(found["rope_b.v"], abs=5e-3*abs(found["load.v"]).max())
 
 
 def test_a_joint_without_mass_begins_at_rest_with_its_load(tmp_path: Path) -> None:
