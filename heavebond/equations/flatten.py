@@ -104,13 +104,12 @@ class Energetics:
 
 @dataclass(frozen=True)
 class Flat:
-    """Unknowns v_j with derivative symbols `levels[k][j]` = d^k v_j / dt^k, the elements of `columns[k]` (n,), and residuals
-    r_i = 0 in SI. Symbols are picked from a column ten times as fast as stacked."""
+    """Unknowns v_j with derivative symbols `columns[k][j]` = d^k v_j / dt^k, and residuals r_i = 0 in SI. Symbols are picked
+    from a column ten times as fast as stacked."""
 
     expanded: Expanded
     unknowns: tuple[Unknown, ...]
     columns: tuple[ca.SX, ...]
-    levels: tuple[tuple[ca.SX, ...], ...]
     parameters: tuple[FlatParameter, ...]
     p: ca.SX
     time: ca.SX
@@ -129,6 +128,11 @@ class Flat:
     bonds: dict[str, Bond] = field(default_factory=dict)        # of the components
     block_bonds: dict[str, Bond] = field(default_factory=dict)  # of the blocks that they are in
     domains: dict[str, Domain] = field(default_factory=dict)    # by the path of a node or port
+
+    @cached_property
+    def levels(self) -> tuple[tuple[ca.SX, ...], ...]:
+        """The elements of the columns."""
+        return tuple(tuple(split(column)) for column in self.columns)
 
     @cached_property
     def residuals(self) -> tuple[ca.SX, ...]:
@@ -219,7 +223,6 @@ class _Builder:
         self.n = len(self.unknowns)
         named = [ca.SX.sym(u.name) for u in self.unknowns]  # as they are printed; those of derivatives made in one call
         self.columns = (stack(named), *(ca.SX.sym("d" * k + "v", self.n) for k in range(1, LEVELS)))
-        self.levels = (tuple(named), *(tuple(split(column)) for column in self.columns[1:]))
         self._numbers_of_a_run()
         check_asked(self.expanded.model, self._resolver(), (q.name for q in self.parameters.independent),
                     {h.name for h in self.held}, self.problems)
@@ -230,12 +233,12 @@ class _Builder:
         self.problems.raise_as(ModelError)
         self._clocks()
         self.problems.raise_as(ModelError)
-        bounds = {s.element_hash(): (u.low, u.high) for s, u in zip(self.levels[0], self.unknowns, strict=True)
+        bounds = {s.element_hash(): (u.low, u.high) for s, u in zip(named, self.unknowns, strict=True)
                   if (u.low, u.high) != EVERYTHING}
         bounds.update(parameter_bounds(self.expanded, self.parameters))
         bounds.update(held_bounds(self.expanded, self.constants))
         bounds.update({self.constants[e.name].element_hash(): (0.0, 1.0) for e in self.events if e.by_clock})
-        return Flat(self.expanded, tuple(self.unknowns), self.columns, self.levels,
+        return Flat(self.expanded, tuple(self.unknowns), self.columns,
                     self.parameters.independent, self.parameters.p, self.time, self.rate, tuple(self.inputs),
                     tuple(self.equations), self.residuals, tuple(self.entries), self.names, self.constants,
                     self.parameters.units, tuple(self.energies), bounds, self.held, tuple(self.events), self.bonds,
@@ -279,7 +282,7 @@ class _Builder:
         self.constants = self.parameters.expressions
 
     def _resolver(self) -> Resolver:
-        return Resolver(self.names, self.constants, self.parameters.units, tuple(self.unknowns), self.levels, self.time,
+        return Resolver(self.names, self.constants, self.parameters.units, tuple(self.unknowns), self.columns, self.time,
                         self.rate, {**self.bonds, **self.block_bonds})
 
     def _make_templates(self) -> None:
@@ -394,7 +397,7 @@ class _Builder:
                     self._add(FlatEquation(path.rpartition(".")[0], f"{path} as measured",
                                            f"{path} = {bound.value.column}", bound.place,
                                            role=EquationRole.MEASURED, subject=path),
-                              self._kept(self.levels[0][column] - self.constants[f"scale.{path}"] * known.symbols[0])[0],
+                              self._kept(self.columns[0][column] - self.constants[f"scale.{path}"] * known.symbols[0])[0],
                               [(column, 0)])
                 else:
                     self._formula_input(path, column, bound, resolver, parameters)
@@ -422,10 +425,10 @@ class _Builder:
             add_formula_problem(problem, value, self.problems)
             return
         check_dimension(path, value, found, unit, self.problems)
-        residual = self.levels[0][column] - expression
+        residual = self.columns[0][column] - expression
         named = (self.names.get(bound.scope + name.text, column) for name in names(value.expr))
         columns = sorted({column, *named})
-        occurring = stack([level[j] for level in self.levels for j in columns])
+        occurring = ca.vertcat(*(level[columns] for level in self.columns))
         row = classify(residual, occurring, parameters, {})[0]
         kink = nonsmooth(value.expr, lambda text: text == "pi" or bound.scope + text in self.constants)
         self._add(FlatEquation(path.rpartition(".")[0], f"{path} as given", f"{path} = {value.text.lstrip('= ')}",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from heavebond.core.errors import NAMES_LISTED, Place, suggest
 from heavebond.core.units import FREQUENCY, ONE, Dimension, Unit, declared_unit, dimension_text
 from heavebond.language.definition import Domain
-from heavebond.language.symbols import Context, evaluate, stack
+from heavebond.language.symbols import Context, evaluate, split, stack
 from heavebond.text.dimensions import SECOND, counted, dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name, Slice, constant, names
 from heavebond.text.shapes import Lengths, Shape, gives_lists
@@ -94,7 +94,7 @@ class Resolver:
     constants: dict[str, ca.SX]
     units: dict[str, Unit]
     unknowns: tuple[Unknown, ...]
-    levels: tuple[tuple[ca.SX, ...], ...]
+    columns: tuple[ca.SX, ...]  # of the unknowns and their derivatives
     time: ca.SX
     rate: ca.SX
     bonds: Mapping[str, Bond] = field(default_factory=dict)  # by port
@@ -171,7 +171,7 @@ class Resolver:
             return self.time
         path = scope + text
         if path in self.names:
-            return self.levels[0][self.names[path]]
+            return self.columns[0][self.names[path]]
         if path in self.constants:
             return self.constants[path]
         if elements := self._elements(path):
@@ -179,7 +179,7 @@ class Resolver:
             return stack(found) if self._known(elements[0]) else ca.vertcat(*(row.T for row in found))
         port, _, member = path.rpartition(".")
         if member == POWER and port in self.bonds:
-            return self.bonds[port].power(self.levels[0])
+            return self.bonds[port].power(split(self.columns[0]))
         raise self._unknown(path, name)
 
     def _dimension(self, scope: str, name: Name) -> Dimension:
@@ -204,11 +204,10 @@ class Resolver:
                                  hint)
 
     def _der(self, expression: ca.SX) -> ca.SX:
-        if ca.depends_on(expression, stack(self.levels[-1])):
-            raise ExpressionProblem("derivative-too-high", f"more than {len(self.levels) - 1} derivatives of a variable are "
-                                    "not available here", 0, hint="Leave out a `der`.")
-        low = stack([s for level in self.levels[:-1] for s in level])
-        high = stack([s for level in self.levels[1:] for s in level])
+        if ca.depends_on(expression, self.columns[-1]):
+            raise ExpressionProblem("derivative-too-high", f"more than {len(self.columns) - 1} derivatives of a variable "
+                                    "are not available here", 0, hint="Leave out a `der`.")
+        low, high = ca.vertcat(*self.columns[:-1]), ca.vertcat(*self.columns[1:])
         return ca.jtimes(expression, low, high) + ca.jtimes(expression, self.time, self.rate)
 
 

@@ -72,10 +72,11 @@ class Constraints:
 def constraints(flat: Flat, order: Sequence[int], highest: Sequence[int]) -> Constraints:
     """The constraints, given how often each equation is differentiated."""
     n, rows = len(flat.unknowns), [i for i, k in enumerate(order) if k >= 1]
-    jacobian = ca.jacobian(flat.residual_column[rows], ca.vertcat(*flat.columns))
+    occurring = sorted({column for i in rows for column, _ in flat.entries[i]})
+    jacobian = ca.jacobian(flat.residual_column[rows], ca.vertcat(*flat.columns)[occurring])
     places = zip(*jacobian.sparsity().get_triplet(), strict=True)
-    found = [(rows[row], column % n, k) for k, (row, column) in enumerate(places)
-             if column // n == highest[column % n] - order[rows[row]]]
+    found = [(rows[row], column % n, k) for k, (row, at) in enumerate(places)
+             if (column := occurring[at]) // n == highest[column % n] - order[rows[row]]]
     values = jacobian.nz[[k for *_, k in found]] if found else ca.SX(0, 1)
     return Constraints(flat, tuple(order), tuple(highest), tuple((i, j) for i, j, _ in found), values)
 
@@ -214,7 +215,7 @@ class InitialGuess:
 
     def __init__(self, flat: Flat):
         self._declared = np.array([0.0 if u.start is None else u.start for u in flat.unknowns])
-        resolver = Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.levels, flat.time, flat.rate)
+        resolver = Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.columns, flat.time, flat.rate)
         known = {*flat.places, flat.time.element_hash()}
         self._asked: list[int] = []
         values = []

@@ -134,7 +134,7 @@ class Assembly:
     def resolver(self) -> Resolver:
         """Names of the diagram to raw symbols and units."""
         flat = self.flat
-        return Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.levels, flat.time, flat.rate,
+        return Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.columns, flat.time, flat.rate,
                         {**flat.bonds, **flat.block_bonds})
 
     def expression(self, expr: Expr) -> ca.SX:
@@ -152,7 +152,9 @@ class Assembly:
     @cached_property
     def _available(self) -> set[int]:
         """The hashes of the symbols that an expression may have in the end: the arguments and the measured inputs."""
-        return {s.element_hash() for a in (*self.arguments, *(k.symbols for k in self.flat.inputs)) for s in ca.symvar(a)}
+        t, x, z, _, u, rate = self.arguments
+        others = (t, x, z, u, rate, *(k.symbols for k in self.flat.inputs))
+        return {*self.flat.places, *(s.element_hash() for a in others for s in ca.symvar(a))}
 
     def _derivative_name(self, symbol: ca.SX) -> str:
         """`dddcrown.x` of the symbol of a derivative."""

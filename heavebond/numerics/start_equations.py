@@ -294,10 +294,12 @@ class StartEquations:
     @cached_property
     def constants(self) -> tuple[list[Pivot], Buffered]:
         """The coefficients of parameters alone that were divided by, and their values, given the parameters."""
-        p, pivots = self.assembly.flat.p, self.assembly.reduced.pivots
-        known = self.assembly.flat.places.keys()
-        found = [q for q in pivots if {s.element_hash() for s in ca.symvar(q.coefficient)} <= known]
-        return found, Buffered(ca.Function("constants", [p], [stack([q.coefficient for q in found])]))
+        flat, pivots = self.assembly.flat, self.assembly.reduced.pivots
+        coefficients = stack([q.coefficient for q in pivots])
+        others = [s for s in ca.symvar(coefficients) if s.element_hash() not in flat.places]
+        varying = ca.which_depends(coefficients, stack(others), 1, True) if others else [False] * len(pivots)
+        found = [q for q, varies in zip(pivots, varying, strict=True) if not varies]
+        return found, Buffered(ca.Function("constants", [flat.p], [stack([q.coefficient for q in found])]))
 
     @cached_property
     def _usual(self) -> list[float]:
