@@ -7,7 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from heavebond.core.presentation import columns, count, number, path_text, quantity, readable, readable_unit, unit_label
+from heavebond.core.presentation import (
+    columns,
+    count,
+    number,
+    path_text,
+    quantity,
+    readable,
+    readable_difference,
+    readable_unit,
+    unit_label,
+)
 
 
 @pytest.mark.parametrize(("value", "digits", "text"), [
@@ -70,3 +80,9 @@ def test_path_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert path_text(tmp_path / "a" / "b.yaml") == str(Path("a") / "b.yaml")
     assert path_text(Path("/elsewhere/b.yaml")) == "/elsewhere/b.yaml"
+
+
+def test_an_error_of_a_temperature_is_told_in_kelvin() -> None:
+    assert readable_difference(0.5, "degC", 3) == "0.5 K"
+    assert readable_difference(9, "degF", 3) == "5 K"
+    assert readable_difference(30000, "Pa", 3) == "0.3 bar"

@@ -127,7 +127,7 @@ def _check_experiment(path: Path) -> dict[str, object]:
     """Each record read and its diagram assembled; nothing is simulated."""
     from heavebond.commands.terminal import output, table, working
     from heavebond.core.errors import ModelError, Problems
-    from heavebond.core.presentation import number, readable
+    from heavebond.core.presentation import number, readable_difference
     from heavebond.estimation.channel_noise import with_channel_noise
     from heavebond.estimation.comparison import assemble_for
     from heavebond.estimation.experiment import load_experiment
@@ -150,7 +150,7 @@ def _check_experiment(path: Path) -> dict[str, object]:
         channels = {}
         for channel, c in measured.channels.items():
             unit = c.output.shown.unit
-            rows.append((name, use, span, channel, f"{len(c.time)}", readable(c.noise, unit, 3),
+            rows.append((name, use, span, channel, f"{len(c.time)}", readable_difference(c.noise, unit, 3),
                          "given" if c.estimate is None else f"estimated, +- {number(100 * c.estimate.error, 2)} %"
                          if c.estimate.separable else "estimated, not separable from the signal"))
             channels[channel] = {"unit": unit, "samples": len(c.time), "noise": c.noise, "noise_given": c.noise_given}

@@ -81,6 +81,19 @@ def readable(value: float, unit: str, digits: int = 5, *, beside: float | None =
     return f"{number(value, digits)} {shown}" if shown != "1" else number(value, digits)
 
 
+def difference_unit(unit: str) -> tuple[float, str]:
+    """The unit of differences of values in a unit, and its size in it: that of temperatures, whose scales have an origin of
+    their own, is the kelvin (of 1 degF 5/9 K)."""
+    found = read_unit(unit) if unit else None
+    return (found.scale, "K") if found is not None and found.offset else (1.0, unit)
+
+
+def readable_difference(value: float, unit: str, digits: int = 5, *, beside: float | None = None) -> str:
+    """A difference of values, an error or a noise, with its unit: of degC in K."""
+    scale, shown = difference_unit(unit)
+    return readable(scale * value, shown, digits, beside=None if beside is None else scale * beside)
+
+
 def written(value: float, unit: str, digits: int) -> str:
     """A value with its unit as on paper: `0.017 m²`."""
     first, *rest = readable(value, unit, digits).split(" ", 1)

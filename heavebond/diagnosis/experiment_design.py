@@ -23,7 +23,7 @@ from itertools import combinations
 import numpy as np
 
 from heavebond.core.errors import SimulationError, StartError, listing
-from heavebond.core.presentation import number, quantity, readable
+from heavebond.core.presentation import number, quantity, readable, readable_difference
 from heavebond.core.progress import Progress
 from heavebond.core.units import read_unit
 from heavebond.diagnosis.alternatives import Alternative, AlternativeRun, PreparedAlternative
@@ -414,7 +414,7 @@ def _extra_words(found: Separation) -> tuple[str, ...]:
     if extra is None:
         return ("No further channel would either.",)
     what = quantity(extra.unit) or "variable"
-    noise = readable(extra.noise, extra.unit, 2)
+    noise = readable_difference(extra.noise, extra.unit, 2)
     if _sure(extra.chi2, found.needed) < SURE:
         return (f"No further channel would either; the nearest is the {what} {extra.name}.",)
     return (f"With the {what} {extra.name} measured as well, with a noise of {noise}, chi-square would differ by "

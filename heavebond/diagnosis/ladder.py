@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from heavebond.core.errors import Problem, UsageError
-from heavebond.core.presentation import readable
+from heavebond.core.presentation import readable_difference
 from heavebond.core.progress import Progress
 from heavebond.core.reporting import place, reporting
 from heavebond.diagnosis.catalogue import Candidate
@@ -58,7 +58,7 @@ class ChannelError:
     @property
     def words(self) -> str:
         """`9549 Pa`."""
-        return readable(self.error, self.unit, 3)
+        return readable_difference(self.error, self.unit, 3)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from itertools import takewhile
 
 from heavebond.core.errors import listing
-from heavebond.core.presentation import number, readable
+from heavebond.core.presentation import number, readable, readable_difference
 from heavebond.diagnosis.adequacy import Adequacy
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.decision import DECISION
@@ -208,7 +208,7 @@ def _of_estimates(best: LadderEntry) -> list[str]:
     more = [f"`noise: {m.words}` at {m.channel}" for m in own if math.sqrt(DECISION.near) < m.error / m.noise < FILTERED]
     less = [m.channel for m in own if m.error < LESS * m.noise]
     estimates = best.comparison.experiment.estimated_noise
-    mixed = [f"{m.channel} (estimated at {readable(m.noise, m.unit, 2)})" for m in own
+    mixed = [f"{m.channel} (estimated at {readable_difference(m.noise, m.unit, 2)})" for m in own
              if m.channel in estimates and not estimates[m.channel].separable]
     return [*([f"The noise of {listing(mixed, 3)} cannot be separated from the signal: judge what is left by the error in "
                "its unit, not by chi-square, or give `noise:`."] if mixed else []),
@@ -221,7 +221,7 @@ def _of_estimates(best: LadderEntry) -> list[str]:
 def _fall(first: LadderEntry, last: LadderEntry) -> str:
     """The error in the units of the channels beside their noise, since a share of what was measured may be small and many
     times the noise."""
-    channels = "; ".join(f"{a.channel} {a.words} to {b.words} (noise {readable(b.noise, b.unit, 3)})" for a, b in
+    channels = "; ".join(f"{a.channel} {a.words} to {b.words} (noise {readable_difference(b.noise, b.unit, 3)})" for a, b in
                          zip(channel_errors(first), channel_errors(last), strict=True))
     held = math.isfinite(last.chi2_held_out)
     pairs = [(r.error_held_out, r.chi2_held_out) if held else (r.error_fit, r.chi2_fit) for r in (first, last)]

@@ -18,7 +18,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from heavebond.core.errors import Problem, UsageError, listing, suggest
-from heavebond.core.presentation import converted, number, quantity, readable_unit, unit_label, written
+from heavebond.core.presentation import converted, difference_unit, number, quantity, readable_unit, unit_label, written
 from heavebond.core.units import read_unit
 from heavebond.core.writable import new_file
 
@@ -412,8 +412,9 @@ def _channel(upper: Axes, lower: Axes, channel: Channel) -> None:
     _finish(upper, channel.name, shown, [measured, model])
     upper.set_title(_figures(channel), loc="right", fontsize=9, color="#333333")
     left = channel.measured - channel.model
-    unit = readable_unit(channel.unit, max(_size(left), 1e-300))
-    scale = read_unit(channel.unit).scale / read_unit(unit).scale  # a difference has no offset
+    own, of_difference = difference_unit(channel.unit)
+    unit = readable_unit(of_difference, max(_size(left), 1e-300))
+    scale = own * read_unit(of_difference).scale / read_unit(unit).scale
     if channel.noise > 0:
         lower.axhspan(-BAND_WIDTH * channel.noise * scale, BAND_WIDTH * channel.noise * scale, color=BAND, linewidth=0,
                       label=f"± {BAND_WIDTH} × noise")
@@ -438,7 +439,8 @@ def _style(dense: bool, linewidth: float) -> dict[str, Any]:
 
 
 def _figures(channel: Channel) -> str:
-    error = written(channel.error, channel.unit, 3)
+    scale, unit = difference_unit(channel.unit)
+    error = written(scale * channel.error, unit, 3)
     return f"rms error {error}, fit {number(channel.fit, 4)} %, reduced χ² {number(channel.chi2, 3)}"
 
 

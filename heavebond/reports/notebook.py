@@ -14,7 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from heavebond.core.errors import HeavebondError
-from heavebond.core.presentation import count, in_unit, number, readable, readable_unit, unit_label
+from heavebond.core.presentation import count, in_unit, number, readable_difference, readable_unit, unit_label
 from heavebond.core.units import dimension_text, read_unit
 from heavebond.diagnosis.probability import PROBABILITY
 from heavebond.language.definition import Value
@@ -90,8 +90,8 @@ def fit_html(fit: Fit) -> Html:
     """A fit: its parameters with their intervals and ranges, then the errors of each channel before and after."""
     made = table(("parameter", "before", "value", "95 % interval", "range"), [_parameter(p) for p in fit.parameters],
                  numbers=(1, 2))
-    rows = [(part.name, part.use, name, readable(was.channels[name].error, channel.unit, 3),
-             readable(channel.error, channel.unit, 3), readable(channel.noise, channel.unit, 3), number(channel.chi2, 3))
+    rows = [(part.name, part.use, name, *(readable_difference(v, channel.unit, 3) for v in (
+        was.channels[name].error, channel.error, channel.noise)), number(channel.chi2, 3))
             for was, part in zip(fit.before.parts, fit.after.parts, strict=True) for name, channel in part.channels.items()]
     errors = table(("record", "use", "channel", "rms error before", "after", "noise", "reduced χ²"), rows[:MOST_ROWS],
                    numbers=range(3, 7))
@@ -142,7 +142,8 @@ def _course(name: str, unit: str, values: Array) -> tuple[str, ...]:
 
 def _channel(record: str, use: str, channel: Channel) -> tuple[str, ...]:
     largest = max(channel.error, channel.noise)
-    error, bias, noise = (readable(v, channel.unit, 3, beside=largest) for v in (channel.error, channel.bias, channel.noise))
+    error, bias, noise = (readable_difference(v, channel.unit, 3, beside=largest)
+                          for v in (channel.error, channel.bias, channel.noise))
     return record, use, channel.name, error, bias, noise, _percent(channel.fit), number(channel.chi2, 3)
 
 

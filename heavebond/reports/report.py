@@ -14,7 +14,7 @@ import numpy as np
 
 from heavebond import __version__
 from heavebond.core.errors import HeavebondError
-from heavebond.core.presentation import count, number, path_text, readable, readable_unit
+from heavebond.core.presentation import count, number, path_text, readable_difference, readable_unit
 from heavebond.core.units import read_unit
 from heavebond.diagnosis.diagnosis import Diagnosis
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, channel_errors, parameter_description, restrictions
@@ -124,7 +124,7 @@ def _figures(diagnosis: Diagnosis) -> Html:
     pairs = list(zip(channel_errors(first), channel_errors(last), strict=True))
     worst = sorted(pairs, key=lambda pair: -pair[0].error / pair[0].noise)[:HEADLINE]
     channels = [_figure(f"{a.channel}: rms error, on records {on}", f"{a.words} → {b.words}",
-                        f" noise {readable(b.noise, b.unit, 3)}") for a, b in worst]
+                        f" noise {readable_difference(b.noise, b.unit, 3)}") for a, b in worst]
     cards = [*channels, _figure(f"error over noise, on records {on}", " → ".join(number(math.sqrt(c), 3) for c in chi2),
                                 f" chi-square {' → '.join(number(c, 3) for c in chi2)} per sample; 1 = noise level"),
              _figure("error as a share of what was measured", " → ".join(f"{number(100 * e, 3)} %" for e in errors),

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.core.presentation import number, readable, readable_unit, unit_label
+from heavebond.core.presentation import number, readable_difference, readable_unit, unit_label
 from heavebond.core.units import read_unit
 from heavebond.diagnosis.ladder import LadderEntry
 from heavebond.estimation.comparison import Channel, RecordComparison
@@ -154,7 +154,7 @@ def _toolbar(ladder: Sequence[ModelStyle]) -> Html:
 def _figure(index: int, channels: Sequence[Channel]) -> Html:
     """A channel of a record, as each of the models shows it, in their order."""
     last = channels[-1]
-    errors = " → ".join(readable(c.error, c.unit, 3) for c in channels)
+    errors = " → ".join(readable_difference(c.error, c.unit, 3) for c in channels)
     chi2 = " → ".join(number(c.chi2, 3) for c in channels)
     said = element("span", element("b", last.name), f"  rms error {errors}, chi-square per sample {chi2}, fit "
                    f"{number(last.fit, 4)} %, {len(last.time)} samples")

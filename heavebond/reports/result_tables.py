@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from heavebond.core.errors import listing
-from heavebond.core.presentation import count, in_unit, number, readable, readable_unit
+from heavebond.core.presentation import count, in_unit, number, readable, readable_difference, readable_unit
 from heavebond.core.units import read_unit
 from heavebond.diagnosis.attempt import Attempt
 from heavebond.diagnosis.diagnosis import Diagnosis
@@ -88,7 +88,8 @@ def _compared(comparison: Comparison) -> ResultTable:
 
 def _row(channel: Channel, largest: float) -> tuple[str, ...]:
     """A row of the table; all values in the unit that suits the `largest`, so that they can be compared."""
-    error, bias, noise = (readable(v, channel.unit, 3, beside=largest) for v in (channel.error, channel.bias, channel.noise))
+    error, bias, noise = (readable_difference(v, channel.unit, 3, beside=largest)
+                          for v in (channel.error, channel.bias, channel.noise))
     return (channel.name, error, _percent(channel.fit), bias, noise,
             number(channel.error / channel.noise, 3) if channel.noise else "-")
 
@@ -160,8 +161,8 @@ def _before_and_after(found: Fit) -> ResultTable:
         for k, channel in enumerate(part.channels.values()):
             before = before_fit.channels[channel.name]
             rows.append((f"{part.name} ({part.use})" if k == 0 else "", channel.name,
-                         readable(before.error, channel.unit, 3), readable(channel.error, channel.unit, 3),
-                         readable(channel.noise, channel.unit, 3), number(channel.chi2, 3)))
+                         *(readable_difference(v, channel.unit, 3) for v in (before.error, channel.error, channel.noise)),
+                         number(channel.chi2, 3)))
     return ResultTable("", RECORDS, rows, text=2)
 
 
