@@ -334,12 +334,16 @@ def _needless(trial: Refit, simpler: Refit) -> bool:
     class and it has more numbers, and where an amplitude of it is not shown (play whose gap has closed in the fit is the
     compliance beside it, however many numbers shape that). A law of another class whose amplitudes are shown is another
     explanation, however many numbers it has. That no law is exact is no excuse for one that could bend further."""
-    fit = (simpler.cost - trial.cost) / max(1.0, trial.chi2_fit)
     more = trial.unknowns > simpler.unknowns
     refines = (more and same_class(trial.candidate.kind, simpler.candidate.kind)) \
         or (bool(trial.unshown) and (more or not simpler.unshown))
-    return refines and set(trial.candidate.where) == set(simpler.candidate.where) and fit < EARNED \
-        and not fallen(simpler.chi2_held_out, trial.chi2_held_out, trial.samples_held_out) > EARNED  # (NaN: none held out)
+    return refines and set(trial.candidate.where) == set(simpler.candidate.where) and _leaves_no_more(simpler, trial)
+
+
+def _leaves_no_more(trial: Refit, other: Refit) -> bool:
+    """Whether a refit leaves no more than another one, but for chance, where it was fitted and where it was not."""
+    return (trial.cost - other.cost) / max(1.0, other.chi2_fit) < EARNED \
+        and not fallen(trial.chi2_held_out, other.chi2_held_out, other.samples_held_out) > EARNED  # (NaN: none held out)
 
 
 def leaders(made: Stage, most: int, simplest: bool = False) -> list[Stage]:
@@ -362,10 +366,11 @@ def leaders(made: Stage, most: int, simplest: bool = False) -> list[Stage]:
 
 
 def simpler_law(made: Stage, trial: Refit) -> Refit | None:
-    """Of the trials of a step the best that earns its place and is of the same class at the same place as another one, with
-    fewer numbers, leaves no more but for chance and has the smaller merit."""
-    found = [t for t in _earned(made) if t.candidate.kind == trial.candidate.kind and _needless(trial, t)
-             and merit(t) < merit(trial)]
+    """Of the trials of a step the best that earns its place, leaves no more than another one but for chance and has the
+    smaller merit, with fewer numbers, or as a law of the same class at the same place that this one refines."""
+    found = [t for t in _earned(made) if merit(t) < merit(trial) and (
+        (t.unknowns < trial.unknowns and _leaves_no_more(t, trial))
+        or (t.candidate.kind == trial.candidate.kind and _needless(trial, t)))]
     return min(found, key=merit, default=None)
 
 
