@@ -99,11 +99,13 @@ class Point:
 class StartSystem:
     """Residuals (m,) of some rows and their Jacobian with respect to the unknowns (x, z, solved parameters), or z."""
 
-    def __init__(self, assembly: Assembly, rows: list[StartRow], unknowns: ca.SX):
+    def __init__(self, assembly: Assembly, rows: list[StartRow], unknowns: ca.SX, slopes: ca.SX | None = None):
+        """`slopes` are the Jacobian where it is known."""
         self.rows = rows
         self._arguments = list(assembly.arguments)
         self._residuals, self._unknowns = stack([r.residual for r in rows]), unknowns
-        self._function = ca.Function("start", self._arguments, [self._residuals, jacobian(self._residuals, unknowns)])
+        self.slopes = jacobian(self._residuals, unknowns) if slopes is None else slopes
+        self._function = ca.Function("start", self._arguments, [self._residuals, self.slopes])
         self._large = unknowns.numel() >= MATRICES.sparse_from
         self._buffered = Buffered(self._function, sparse=self._large)
 
@@ -213,14 +215,14 @@ class StartEquations:
         return StartRow(assembly.expression(assembly.model.library.formula(condition.name)) - value,
                         f"{condition.name} = {condition.value.text.lstrip('= ')}", condition.place, name=condition.name)
 
-    def _system(self, rows: list[StartRow]) -> StartSystem:
+    def _system(self, rows: list[StartRow], slopes: ca.SX | None = None) -> StartSystem:
         _, x, z, p, _, _ = self.assembly.arguments
-        return StartSystem(self.assembly, rows, stack([x, z, *[p[k] for k in self.solved_for]]))
+        return StartSystem(self.assembly, rows, stack([x, z, *[p[k] for k in self.solved_for]]), slopes)
 
     @cached_property
     def all(self) -> StartSystem:
         """Everything that must hold."""
-        return self._system(self.rows)
+        return self._system(self.rows, self.with_guesses.slopes[:len(self.rows), :]) if self.guesses else self.with_guesses
 
     @cached_property
     def with_guesses(self) -> StartSystem:
