@@ -110,11 +110,14 @@ def formula_order(expanded: Expanded) -> list[str]:
     problems = Problems()
     known = {name: bound for name, bound, _ in declared(expanded)}
     needs: dict[str, list[str]] = {}
+    named: dict[int, list[Name]] = {}  # the names in a value, by its identity: parts that are alike share theirs
     for name, bound in known.items():
         if isinstance(bound.value, Value) and isinstance(bound.value.expr, Number):
             continue
         try:
-            needed = [path for n in _names(bound) if (path := _path(expanded, known, bound, n)) is not None]
+            if (own := named.get(id(bound.value))) is None:
+                own = named[id(bound.value)] = list(_names(bound))
+            needed = [path for n in own if (path := _path(expanded, known, bound, n)) is not None]
         except ExpressionProblem as problem:
             assert isinstance(bound.value, Value)
             leaf = expanded.leaves.get(name.rpartition(".")[0])
