@@ -175,6 +175,40 @@ def test_a_curve_is_no_better_law_for_taking_up_a_second_effect(monkeypatch: pyt
     assert found((first, last)).beaten
 
 
+def test_a_curve_at_another_place_takes_the_name_where_it_explains_most_of_what_that_leaves(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """A circuit with a diode: a saturation of the channel leaves 40 of 500, its curve there 30. A curve between other nodes
+    that leaves 35 makes the place uncertain, one that leaves 4 is the answer; and where two effects leave 8 together, the
+    curve alone takes their place if it leaves less."""
+    def refit(level: float, where: str) -> Any:
+        sums = level * np.random.default_rng(3).uniform(0.5, 1.5, 400)
+        errors = PredictiveErrors(sums, np.ones(400), np.zeros(400, np.int64), np.zeros(400, np.int64))
+        return _Refit(SimpleNamespace(where=(where,), change=SimpleNamespace(nodes={}), label=where), errors)
+
+    law = refit(40.0, "channel")
+    first: Any = SimpleNamespace(chosen=law, candidate=law.candidate, step=SimpleNamespace(
+        errors=refit(500.0, "").errors, experiment="base"))
+    left = {"channel": 30.0, "out": 35.0}
+    monkeypatch.setattr(yardstick, "make_curve_stage", lambda experiment, **given: SimpleNamespace(
+        trials=tuple(refit(level, where) for where, level in left.items()), partial=False))
+    monkeypatch.setattr("heavebond.diagnosis.adequacy.coverage", lambda curve, before: covered)
+
+    def found() -> Any:
+        return yardstick.judged((first,), True, True, 1, 1e9, lambda text: None)[0]
+
+    covered = 1.0
+    assert found().stands and found().elsewhere.candidate.label == "out"
+    left["out"] = 4.0
+    assert found().beaten and found().flexible.candidate.label == "out" and found().elsewhere is None
+    covered = 0.5  # it was fitted to another motion than that on which it is judged
+    assert not found().beaten
+
+    for together, alone in ((8.0, "out"), (3.0, None)):
+        last: Any = SimpleNamespace(chosen=refit(together, "feed"))
+        curve, stage = yardstick.curve_alone((first, last), 1, 1e9, lambda text: None)
+        assert stage is not None and (curve.candidate.label if curve is not None else None) == alone
+
+
 @dataclass(frozen=True)
 class _Refit:
     candidate: Any

@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 
 import heavebond as hb
 from heavebond.diagnosis import further_effects
-from heavebond.diagnosis.adequacy import _as_good, _better
+from heavebond.diagnosis.adequacy import _as_good, better
 from heavebond.diagnosis.base_model import Base
 from heavebond.diagnosis.catalogue import EffectNumber
 from heavebond.diagnosis.constancy import Constancy, constancy
@@ -167,7 +167,7 @@ def test_a_curve_at_another_place_predicts_as_well_only_where_it_explains_half_a
         return SimpleNamespace(errors=replace(errors(1.0), sums=sums))
 
     named, misfit = leaving(6.0), 1000.0
-    assert not _better(named, leaving(900.0))
+    assert not better(named, leaving(900.0))
     assert not _as_good(leaving(600.0), named, misfit)  # 40 % of the misfit, where the law takes more than 99 %
     assert _as_good(leaving(450.0), named, misfit)
     assert _as_good(leaving(40.0), named, misfit)       # 3 % of the misfit more

@@ -4,8 +4,9 @@ What a named law leaves above the noise says nothing about the name: another eff
 is a flexible law: the identified curves of the library (nine coefficients of a smooth curve of one variable), each fitted in
 place of the effect and judged by the same predictive errors. Where the best of them at the same place explains most of what
 the named law leaves, the law is none of the catalogue; where it does not, the name stands, whatever is left. Where one at
-another place does as well as the name, the place is uncertain. An identified curve tells nothing outside the motion that
-it was fitted to: where too much of the held-out motion lies outside of that, adequacy is not decided.
+another place does as well as the name, the place is uncertain, and where it explains most of what the name leaves, what is
+missing is there. An identified curve tells nothing outside the motion that it was fitted to: where too much of the held-out
+motion lies outside of that, adequacy is not decided.
 """
 
 from __future__ import annotations
@@ -33,9 +34,10 @@ class Adequacy:
     """How far an effect explains the misfit.
 
     explained: share of chi-square above the noise that it takes away, cross-validated and on held-out data; flexible:
-    the identified curve at its place that predicts best; elsewhere: one at another place that predicts as well as the
-    effect or better; beaten: whether the curve `flexible` explains most of what the effect leaves; covered: share of the
-    held-out motion that lies inside the motion that this curve was fitted to (NaN without one); complete: whether all
+    the identified curve at its place that predicts best, or one at another place that explains most of what the best there
+    leaves; elsewhere: another one at another place that predicts as well as the effect or better; beaten: whether the curve
+    `flexible` explains most of what the effect leaves; covered: share of the held-out motion that lies inside the motion
+    that this curve was fitted to (NaN without one); complete: whether all
     candidates of its step, and other values of what is held fixed, were tried beside the effect; tried: whether all
     identified curves were.
     """
@@ -87,19 +89,26 @@ def adequacy(chosen: Refit, made: Stage, beside: Comparand, curves: Stage | None
     misfit = made.errors.mean(*ALL) - 1.0
     left = loss(chosen) - 1.0
     explained = (misfit - left) / misfit if misfit > 0 else 0.0
-    law, rest = beside.law, loss(beside.law) - 1.0
+    law = beside.law
     trials = [t for t in curves.trials if t.errors is not None and loss(t) < beside.before.mean(*ALL)] \
         if curves is not None else []
-    here = [t for t in trials if same_place(t, law)]
-    there = [t for t in trials if not same_place(t, law) and _as_good(t, law, misfit)]
-    flexible = min(here, key=loss, default=None)
-    beaten, covered = False, float("nan")
-    if flexible is not None:
-        covered = coverage(flexible, beside.experiment)
-        beaten = covered >= DECISION.covered and _better(flexible, law) \
-            and loss(law) - loss(flexible) > DECISION.mainly * max(rest, 0.0) > 0
-    return Adequacy(explained, flexible, min(there, key=loss, default=None), beaten, covered, complete,
-                    curves is not None and not curves.partial)
+    here = min((t for t in trials if same_place(t, law)), key=loss, default=None)
+    there = min((t for t in trials if not same_place(t, law) and _as_good(t, law, misfit)), key=loss, default=None)
+    beaten, covered = _beats(here, law, beside.experiment)
+    elsewhere, so_far = _beats(there, here if beaten and here is not None else law, beside.experiment)
+    if elsewhere:
+        here, there, beaten, covered = there, None, True, so_far
+    return Adequacy(explained, here, there, beaten, covered, complete, curves is not None and not curves.partial)
+
+
+def _beats(curve: Refit | None, law: Refit, experiment: Experiment) -> tuple[bool, float]:
+    """Whether an identified curve explains most of what a law leaves above the noise, and the share of the held-out motion
+    that it covers, `experiment` being that without it."""
+    if curve is None:
+        return False, float("nan")
+    covered = coverage(curve, experiment)
+    return covered >= DECISION.covered and better(curve, law) \
+        and loss(law) - loss(curve) > DECISION.mainly * max(loss(law) - 1.0, 0.0) > 0, covered
 
 
 def same_place(one: Refit, other: Refit) -> bool:
@@ -109,7 +118,7 @@ def same_place(one: Refit, other: Refit) -> bool:
     return a == b or (bool(nodes[0]) and nodes[0] == nodes[1])
 
 
-def _better(one: Refit, other: Refit) -> bool:
+def better(one: Refit, other: Refit) -> bool:
     """Whether the predictive errors of one are significantly smaller than those of another."""
     assert one.errors is not None and other.errors is not None
     if loss(one) >= loss(other):
@@ -123,7 +132,7 @@ def _as_good(curve: Refit, named: Refit, misfit: float) -> bool:
     the misfit, or not significantly more and explains at least half of what that explains, as any candidate of the set."""
     explained, other = misfit + 1.0 - loss(named), misfit + 1.0 - loss(curve)
     return loss(curve) - loss(named) <= DECISION.material * misfit \
-        or (not _better(named, curve) and other >= DECISION.mainly * explained)
+        or (not better(named, curve) and other >= DECISION.mainly * explained)
 
 
 def coverage(curve: Refit, before: Experiment) -> float:

@@ -73,7 +73,7 @@ from heavebond.diagnosis.verdict import (
     verdict,
     worth_it,
 )
-from heavebond.diagnosis.yardstick import judged
+from heavebond.diagnosis.yardstick import curve_alone, judged
 from heavebond.estimation.comparison import Comparison
 from heavebond.estimation.excerpts import as_long_as, cut, excerpt
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile
@@ -273,7 +273,7 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
     told = (*sentences(said, rungs, come.findings, come.steps, shape, adequate), *map(equivalent_value_words, come.values),
             *acting_as_values(come.findings, come.steps, [t.candidate.name for t in come.values]),
             *(apart.words if apart is not None else ()),
-            *(u.words for u in reversed(unsupported) if said not in ("effect", "one_of", "parameters")),
+            *(u.words for u in reversed(unsupported) if come.findings and said not in ("effect", "one_of", "parameters")),
             *residual_notes(said, rest, come.steps),
             *lost_candidates(come.steps), *closed_loops(ladder[0].comparison),
             *own_start_words(asked, base, found[-1].fit if found else base), *wrong_starts(said, rungs[-1].comparison),
@@ -347,7 +347,8 @@ class _SearchState:
 def _without_name(come: _SearchState, way: Selection, confirm: Confirm, number: int | None, seconds: float, say: Progress
                   ) -> tuple[_SearchState, AddedEffect | None, Adequacy | None]:
     """The adequacy of the first finding, after which more than noise is left, by identified curves in its place. Where one
-    of these explains most of what is left, and nothing was found beside it, it takes the place of the name."""
+    of these explains most of what is left, and nothing was found beside it, or one alone leaves less than all that was
+    found, it takes the place of the name."""
     if not way or not come.findings or come.findings[0].candidate is not way[0].candidate:
         return come, None, None
     say("fitting identified curves in place of the effect")
@@ -355,10 +356,16 @@ def _without_name(come: _SearchState, way: Selection, confirm: Confirm, number: 
     found, curves = judged(way[:len(come.findings)], not come.steps[0].partial and VALUES not in come.untried, tried, number,
                            seconds, say)
     come = come if curves is not None else come.without(CURVES)
-    if not found.beaten or found.flexible is None or curves is None or len(come.findings) > 1:
+    if not found.beaten or VALUES in come.untried:
+        return come, None, found
+    curve = found.flexible
+    if len(come.findings) > 1:
+        say("fitting identified curves in place of all effects")
+        curve, curves = curve_alone(way[:len(come.findings)], number, seconds, say)
+    if curve is None or curves is None:
         return come, None, found
     without = come.ladder[:len(come.ladder) - len(come.findings)]
-    shape = confirm(SelectedEffect(choosing(curves, found.flexible), (found.flexible,)), without[-1].comparison)
+    shape = confirm(SelectedEffect(choosing(curves, curve), (curve,)), without[-1].comparison)
     if shape is None:
         return come.without(CURVES), None, found
     return replace(come, ladder=without, findings=(), steps=[replace(come.steps[0], chosen=None, cluster=())]), shape, found

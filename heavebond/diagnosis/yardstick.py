@@ -11,7 +11,9 @@ from dataclasses import replace
 
 from heavebond.core.cancellation import Budget
 from heavebond.core.progress import Progress
-from heavebond.diagnosis.adequacy import Adequacy, Comparand, adequacy
+from heavebond.diagnosis.adequacy import Adequacy, Comparand, adequacy, better
+from heavebond.diagnosis.identity import loss
+from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.stage import Stage, following, make_curve_stage
 from heavebond.diagnosis.stepwise_selection import Selection, without_effect
 
@@ -25,6 +27,18 @@ def judged(way: Selection, complete: bool, tried: bool, number: int | None, seco
     law, curves = found if found is not None else (_alone(way), None)
     made = adequacy(first.chosen, first.step, law, curves, complete)
     return made, curves if curves is not None and not curves.partial else None
+
+
+def curve_alone(way: Selection, number: int | None, seconds: float, say: Progress) -> tuple[Refit | None, Stage | None]:
+    """The identified curve that alone, without the effects of a ladder, leaves significantly less than these do together,
+    and the stage of curves; None where there is no such curve, or where not all were tried in `seconds`."""
+    made = Budget(seconds).made(lambda: make_curve_stage(
+        way[0].step.experiment, beside=way[0].candidate, number=number, seconds=seconds,
+        progress=lambda text: say(f"identified curves: {text}")))
+    if made is None or made.partial:
+        return None, None
+    best = min((t for t in made.trials if t.errors is not None), key=loss, default=None)
+    return (best if best is not None and better(best, way[-1].chosen) else None), made
 
 
 def _alone(way: Selection) -> Comparand:
