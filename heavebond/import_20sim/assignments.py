@@ -17,6 +17,11 @@ def calls(expr: Expr) -> list[str]:
     return [*([expr.name] if expr.op == "call" else []), *(n for e in expr.args for n in calls(e))]
 
 
+def derivatives(expr: Expr) -> list[Expr]:
+    """The derivatives `der (x)` in an expression of the translation."""
+    return [*([expr] if expr.op == "call" and expr.name == "der" else []), *(d for e in expr.args for d in derivatives(e))]
+
+
 def has_event(expr: Expr) -> bool:
     """Whether an expression holds an event."""
     return any(n.lower() in EVENTS for n in calls(expr))

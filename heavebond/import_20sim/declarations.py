@@ -109,13 +109,16 @@ class Symbols:
         """The names of the elements of a quantity: `x`, or `x_1`, `x_2`, or `x_1_1` ..."""
         rows, columns = self._shape(size)
         base = identifier(label)
-        while taken and base in self.made.items:
+        while True:
+            if (rows, columns) == (1, 1):
+                found = [[base]]
+            elif columns == 1:
+                found = [[f"{base}_{i + 1}"] for i in range(rows)]
+            else:
+                found = [[f"{base}_{i + 1}_{k + 1}" for k in range(columns)] for i in range(rows)]
+            if not taken or not any(name in self.made.items for name in (base, *(e for row in found for e in row))):
+                return found
             base += "_"
-        if (rows, columns) == (1, 1):
-            return [[base]]
-        if columns == 1:
-            return [[f"{base}_{i + 1}"] for i in range(rows)]
-        return [[f"{base}_{i + 1}_{k + 1}" for k in range(columns)] for i in range(rows)]
 
     def _port(self, port: Port) -> None:
         if port.terminals:

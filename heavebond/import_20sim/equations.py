@@ -14,6 +14,7 @@ from heavebond.import_20sim.assignments import (
     assigned,
     assigned_again,
     calls,
+    derivatives,
     has_event,
     make_placeholder,
     mentioned,
@@ -142,6 +143,7 @@ class Builder(Execution):
             code = self._without_memory(code, self.source.equations)
         self.evaluate.values = {}
         self._results(code, start, written)
+        self._states_begin(start)
         self._unwritten(start, written)
 
     def _anywhere(self, statement: Statement) -> bool:
@@ -200,6 +202,22 @@ class Builder(Execution):
                     final[key] = self.evaluate.defined[key] = value
                     env[key] = f.name(key)
         return {**env, **final}
+
+    def _states_begin(self, start: Env) -> None:
+        """The initial values of states for which `int` and `ddt` have none: what the initial equations assign, or 0."""
+        given = {label for s in (*self.source.equations, *self.source.code) for label in assigned(s)}
+        for name, first in self.memory.begun.items():
+            item = self.made.items.get(name)
+            if item is not None and item.kind == "variable" and self.labels.get(name) not in given:
+                self.made.initial.setdefault(name, first)
+        for left, right, _ in list(self.made.equations):
+            for name in (e.args[0].name for side in (left, right) for e in derivatives(side) if e.args[0].op == "name"):
+                value, own = start.get(name), self.made.initial.get(name)
+                if own is None and (value is not None or left == f.call("der", f.name(name))):
+                    self.made.initial[name] = f.number(0) if value is None else value
+                elif own is not None and value is not None and own != value:
+                    self.memory.note(self.submodel.line, f"the initial equation of '{name}' is not used: its integral or "
+                                     "derivative states an initial value")
 
     def _used(self) -> set[str]:
         return {n for left, right, _ in self.made.equations for n in (*names(left), *names(right))} \
@@ -320,7 +338,8 @@ class Builder(Execution):
         if right.op == "call" and right.name.lower() == "int" and self.memory.target and \
                 all(e.op == "name" and "." not in e.name for row in target for e in row):
             self._pairs([[f.call("der", e) for e in row] for row in target], self.evaluate(right.args[0]), comment)
-            self._initial(target, self.evaluate(right.args[1]) if len(right.args) > 1 else [[f.number(0)]])
+            if len(right.args) > 1:
+                self._initial(target, self.evaluate(right.args[1]))
         else:
             self._pairs(target, self.evaluate(right), comment)
         written.update(f.text(e) for row in target for e in row)
@@ -368,6 +387,13 @@ class Builder(Execution):
         found = self.symbols.names.get(expr.name, []) if expr.op == "name" else []
         kinds = {item.kind if (item := self.made.items.get(e.name)) else "" for row in found for e in row}
         return found if found and kinds <= {"variable", "out"} else None
+
+    def _assign(self, statement: Assign, env: Env) -> None:
+        if statement.left.op == "call" and statement.left.name.lower() == "next" and \
+                any(statement is s for s in self.source.code):
+            self._rate(statement.left, statement.right, self.comments.get(statement.line, ""), set())
+        else:
+            super()._assign(statement, env)
 
     # -- results -----------------------------------------------------------------------------------------------------
     def _results(self, env: Env, start: Env, written: set[str]) -> None:

@@ -13,7 +13,7 @@ from typing import Protocol
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.choices import renamed
 from heavebond.import_20sim.expressions_parser import Unreadable
-from heavebond.import_20sim.matrices import MATRICES, Matrix, extreme, multiplied, product, total
+from heavebond.import_20sim.matrices import MATRICES, Matrix, extreme, multiplied, power, product, total
 from heavebond.import_20sim.sidops_tree import Expr
 
 SAME = {"sin": "sin", "cos": "cos", "tan": "tan", "tanh": "tanh", "exp": "exp", "ln": "log", "log": "log", "sqrt": "sqrt",
@@ -32,6 +32,7 @@ class Calculus(Protocol):
     """What the component that is being made does for an expression."""
 
     def state(self, rate: Expr, first: Expr | None, line: int) -> Expr: ...
+    def begins(self, state: Expr, first: Expr) -> None: ...
     def resettable(self, args: list[Expr], line: int) -> Expr: ...
     def limited(self, args: list[Expr], line: int) -> Expr: ...
     def discrete(self, kind: str, args: list[Expr], final: Expr | None, line: int) -> Expr: ...
@@ -97,6 +98,11 @@ class Evaluator:
             return each(lambda a, b: Expr("if", (condition, a, b)), then, otherwise, expr.line)
         if op == "*":
             return _product(self(expr.args[0]), self(expr.args[1]), expr.line)
+        if op == "^" and _is_square(base := self(expr.args[0])):
+            return power(base, self.whole(expr.args[1]))
+        if op == "/" and _is_square(self(expr.args[1])):  # A / B is A * inverse (B)
+            inverse = self._call(Expr("call", (expr.args[1],), "inverse", line=expr.line))
+            return _product(self(expr.args[0]), inverse, expr.line)
         if op in ("negative", "not"):
             return [[f.negative(e) if op == "negative" else Expr("not", (e,)) for e in row] for row in self(expr.args[0])]
         if op in ("text", "range"):
@@ -104,7 +110,7 @@ class Evaluator:
         return each(lambda a, b: self._pair(op, a, b, expr.line), self(expr.args[0]), self(expr.args[1]), expr.line)
 
     def _pair(self, op: str, a: Expr, b: Expr, line: int) -> Expr:
-        if op in (".*", "./"):
+        if op in (".*", "./", ".^"):
             op = op[1]
         if op in ("mod", "div"):
             count = self.make.truncated(Expr("/", (a, b)))
@@ -230,8 +236,10 @@ class Evaluator:
             return _unknown(expr)
         if name in ("int", "ddt"):
             inner = self(expr.args[0])
-            first = self(expr.args[1]) if len(expr.args) > 1 and name == "int" else None
+            first = self(expr.args[1]) if len(expr.args) > 1 else None
             if name == "ddt":
+                for e, value in (pair for row in _pairs(inner, first, expr.line) for pair in row) if first else ():
+                    self.make.begins(e, value)
                 return [[f.call("der", e) for e in row] for row in inner]
             spread = first if first is None or (len(first), len(first[0])) == (len(inner), len(inner[0])) else \
                 [[first[0][0] for _ in row] for row in inner]
@@ -360,6 +368,10 @@ def _chosen(index: Expr, elements: list[Expr]) -> Expr:
 
 def _number(expr: Expr) -> Expr:
     return Expr("if", (expr, f.number(1), f.number(0)))
+
+
+def _is_square(matrix: Matrix) -> bool:
+    return len(matrix) == len(matrix[0]) > 1
 
 
 def spread(values: Matrix, count: int, line: int) -> list[Expr]:

@@ -97,8 +97,8 @@ class Reader:
                 return Expr("negative", (inner,), line=sign.line) if sign.text == "-" else inner
             base = self._postfix()
             if self.now.text in ("^", ".^"):
-                line = self.take().line
-                return Expr("^", (base, self._sign()), line=line)
+                sign = self.take()
+                return Expr(sign.text, (base, self._sign()), line=sign.line)
             return base
         finally:
             self.depth -= 1

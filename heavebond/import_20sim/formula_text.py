@@ -30,7 +30,7 @@ def negative(inner: Expr) -> Expr:
     """-inner, without a double sign."""
     if inner.op == "negative":
         return inner.args[0]
-    return number(-inner.value) if inner.op == "number" else Expr("negative", (inner,))
+    return number(0.0 - inner.value) if inner.op == "number" else Expr("negative", (inner,))  # -0.0 would read "-0"
 
 
 def add(left: Expr, right: Expr) -> Expr:

@@ -97,6 +97,14 @@ def product(a: Matrix, b: Matrix) -> Matrix:
             for row in a]
 
 
+def power(m: Matrix, exponent: int) -> Matrix:
+    """A square matrix times itself, `exponent` times in all; of its inverse for a negative exponent."""
+    found: Matrix = [[f.number(float(i == k)) for k in range(len(m))] for i in range(len(m))]
+    for _ in range(abs(exponent)):
+        found = product(found, m)
+    return found if exponent >= 0 else _inverse(found)
+
+
 def _transposed(m: Matrix) -> Matrix:
     return [[row[k] for row in m] for k in range(len(m[0]))]
 

@@ -31,6 +31,7 @@ class Memory:
 
     def __init__(self, made: Component):
         self.made, self.target = made, ""
+        self.begun: dict[str, Expr] = {}  # initial values of what is differentiated
 
     def _name(self, rate: Expr, ending: str) -> str:
         label = rate.name if rate.op == "name" and "." not in rate.name else self.target or ending
@@ -44,6 +45,11 @@ class Memory:
         self.made.equations.append((f.call("der", f.name(name)), at_event(rate, None), ""))
         self.made.initial[name] = first or f.number(0)
         return f.name(name)
+
+    def begins(self, state: Expr, first: Expr) -> None:
+        """Enter what `ddt (x, first)` says of x, which is an initial value if no other equation gives x."""
+        if state.op == "name":
+            self.begun[state.name] = first
 
     def resettable(self, args: list[Expr], line: int) -> Expr:
         """`resint(x, new, reset, first)`: the integral of x, set to `new` where `reset` becomes true, kept while it is."""

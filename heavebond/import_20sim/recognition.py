@@ -2,7 +2,8 @@
 
 The equations of both sides are linear in the quantities of the ports and in the internal variables, with coefficients that
 parameters, inputs and the time give: A(s) z + b = 0, where s stands for the derivative. Both are the same law where, at
-random values of s, of the parameters and of the inputs, the same port quantities solve them. Port quantities, inputs and
+random values of s, of the parameters and of the inputs, the same port quantities solve them, and all branches of their
+choices are met there. Port quantities, inputs and
 parameters are assigned to each other in every order; a parameter of the library that has no counterpart gets a number.
 """
 
@@ -15,7 +16,7 @@ import operator
 import random
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -35,8 +36,10 @@ from heavebond.text import syntax
 from heavebond.text.expression import parse_equation
 
 Array = NDArray[np.complex128]
+Taken = set[tuple[int, object]]
 MOST_PARAMETERS, MOST_SIGNALS, MOST_BONDS = 3, 4, 2
 TRIALS = 4  # random points at which both must agree
+TRIALS_OF_CHOICES = 60  # of laws with branches, each of which must be met at one of them
 SAME = 1e-9  # relative size of what counts as zero between matrices whose entries are about 1
 FOR_FILES = {"Record"}  # it passes a column of a file on
 NUMBERS = (1.0, -1.0)  # that a parameter without a counterpart may have, beside its default
@@ -60,6 +63,11 @@ class Law:
         return [found for e in self.equations for side in (e.left, e.right) for found in _differentiated(side)]
 
     @property
+    def choices(self) -> int:
+        """The number of comparisons and of functions that choose, each of which has two outcomes."""
+        return sum(_choices(side) for e in self.equations for side in (e.left, e.right))
+
+    @property
     def states(self) -> set[str]:
         """The names of what stands under `der`."""
         return {_plain(expr) for expr in self.differentiated}
@@ -70,6 +78,11 @@ def _differentiated(expr: syntax.Expr) -> Iterator[syntax.Expr]:
         yield expr.args[0]
     for child in syntax.children(expr):
         yield from _differentiated(child)
+
+
+def _choices(expr: syntax.Expr) -> int:
+    own = isinstance(expr, syntax.Compare) or (isinstance(expr, syntax.Call) and expr.function in CHOOSING)
+    return own + sum(map(_choices, syntax.children(expr)))
 
 
 def _plain(expr: syntax.Expr) -> str:
@@ -86,6 +99,7 @@ COMPARED: dict[str, Callable[[float, float], bool]] = {"<": operator.lt, "<=": o
 REAL: dict[str, Callable[..., float]] = {"abs": abs, "min": min, "max": max, "sign": lambda x: float(np.sign(x)),
                                          "floor": math.floor, "atan": math.atan, "atan2": math.atan2, "asin": math.asin,
                                          "acos": math.acos}
+CHOOSING = {"abs", "min", "max", "sign"}
 ANALYTIC: dict[str, Callable[[complex], complex]] = {n: getattr(cmath, n) for n in (
     "sqrt", "exp", "log", "sin", "cos", "tan", "tanh")}
 
@@ -96,38 +110,55 @@ def _real(value: complex) -> float:
     return value.real
 
 
-def _value(expr: syntax.Expr, at: Mapping[str, complex], s: complex) -> complex:
+@dataclass(frozen=True)
+class Point:
+    """Where a law is evaluated: its quantities and the value of s. `taken` collects the ways that its choices went there:
+    the expression of a condition, or of a function that chooses, by its identity, with the outcome."""
+
+    at: Mapping[str, complex]
+    s: complex = 0j
+    taken: Taken = field(default_factory=set)
+
+
+def _value(expr: syntax.Expr, point: Point) -> complex:
     if isinstance(expr, syntax.Number):
         return expr.value
     if isinstance(expr, syntax.Name):
-        return math.pi if expr.text == "pi" else at[_plain(expr)]
+        return math.pi if expr.text == "pi" else point.at[_plain(expr)]
     if isinstance(expr, syntax.Negative):
-        return -_value(expr.operand, at, s)
+        return -_value(expr.operand, point)
     if isinstance(expr, syntax.Binary):
-        return OPERATIONS[expr.op](_value(expr.left, at, s), _value(expr.right, at, s))
+        return OPERATIONS[expr.op](_value(expr.left, point), _value(expr.right, point))
     if isinstance(expr, syntax.Call):
         if expr.function == "der":
-            return s * _value(expr.args[0], at, s)
+            return point.s * _value(expr.args[0], point)
         if expr.function == "if_else":
-            return _value(expr.args[1 if _true(expr.args[0], at, s) else 2], at, s)
-        values = [_value(e, at, s) for e in expr.args]
+            return _value(expr.args[1 if _true(expr.args[0], point) else 2], point)
+        values = [_value(e, point) for e in expr.args]
         if expr.function in REAL:
-            return REAL[expr.function](*(_real(v) for v in values))
+            real = [_real(v) for v in values]
+            found = REAL[expr.function](*real)
+            if expr.function in CHOOSING:
+                point.taken.add((id(expr), real.index(found) if len(real) > 1 else real[0] > 0))
+            return found
         return ANALYTIC[expr.function](*values)
     raise ValueError
 
 
-def _true(expr: syntax.Expr, at: Mapping[str, complex], s: complex) -> bool:
+def _true(expr: syntax.Expr, point: Point) -> bool:
     if isinstance(expr, syntax.Not):
-        return not _true(expr.operand, at, s)
+        return not _true(expr.operand, point)
     if isinstance(expr, syntax.Logic):
-        return (all if expr.op == "and" else any)(_true(e, at, s) for e in (expr.left, expr.right))
+        return (all if expr.op == "and" else any)(_true(e, point) for e in (expr.left, expr.right))
     if isinstance(expr, syntax.Compare):
-        return COMPARED[expr.op](_real(_value(expr.left, at, s)), _real(_value(expr.right, at, s)))
+        found = COMPARED[expr.op](_real(_value(expr.left, point)), _real(_value(expr.right, point)))
+        point.taken.add((id(expr), found))
+        return found
     raise ValueError
 
 
-def _computed(law: Law, known: Mapping[str, complex]) -> tuple[dict[str, complex], list[syntax.Equation], list[str]]:
+def _computed(law: Law, known: Mapping[str, complex],
+              taken: Taken) -> tuple[dict[str, complex], list[syntax.Equation], list[str]]:
     """The inner variables that the known quantities give outright, the other equations, and the other inner variables."""
     values, rest, inner = dict(known), list(law.equations), list(law.inner)
     found = True
@@ -137,7 +168,7 @@ def _computed(law: Law, known: Mapping[str, complex]) -> tuple[dict[str, complex
             if not isinstance(equation.left, syntax.Name) or equation.left.text not in inner:
                 continue
             try:
-                values[equation.left.text] = _value(equation.right, values, 0j)
+                values[equation.left.text] = _value(equation.right, Point(values, taken=taken))
             except (ValueError, KeyError):
                 continue
             if equation.left.text in law.states:
@@ -150,19 +181,20 @@ def _computed(law: Law, known: Mapping[str, complex]) -> tuple[dict[str, complex
     return values, rest, inner
 
 
-def _matrix(law: Law, known: Mapping[str, complex], s: complex, chosen: Sequence[syntax.Equation] | None = None) -> Array:
+def _matrix(law: Law, where: Point, chosen: Sequence[syntax.Equation] | None = None) -> Array:
     """Rows [A b] over the port quantities, the inner variables and 1, for all equations (without the inner variables that
     are computed outright) or for some; raises ValueError where they are not linear."""
     inner: Sequence[str] = law.inner
+    known = where.at
     if chosen is None:
-        known, chosen, inner = _computed(law, known)
+        known, chosen, inner = _computed(law, known, where.taken)
     unknown = [*(f"{p}.{q}" for p in law.bonds for q in "ef"), *law.outputs, *inner]
     draw = random.Random(3)
     point = [complex(draw.uniform(1, 2), draw.uniform(1, 2)) for _ in unknown]
 
     def residual(values: Sequence[complex]) -> Array:
-        at = {**known, **dict(zip(unknown, values, strict=True))}
-        return np.array([_value(e.left, at, s) - _value(e.right, at, s) for e in chosen], complex)
+        at = Point({**known, **dict(zip(unknown, values, strict=True))}, where.s, where.taken)
+        return np.array([_value(e.left, at) - _value(e.right, at) for e in chosen], complex)
 
     zero = residual([0j] * len(unknown))
     columns = [residual([1 + 0j if i == k else 0j for i in range(len(unknown))]) - zero for k in range(len(unknown))]
@@ -353,7 +385,7 @@ def _within_bounds(made: Component, own: definition.Component, match: Match) -> 
         if parameter.low == 0 and value == 0:  # the library may divide by it
             return False
     try:
-        return all(_true(r.tree, values, 0j) for r in own.requires)
+        return all(_true(r.tree, Point(values)) for r in own.requires)
     except (ValueError, KeyError, ZeroDivisionError):
         return False
 
@@ -366,22 +398,25 @@ def _agree(law: Law, other: Law, match: Match) -> bool:
         [match.ports[n] for n in law.outputs]
     theirs = [*(f"{p}.{q}" for p in other.bonds for q in "ef"), *other.outputs]
     columns = [theirs.index(n) for n in order]
-    for _ in range(TRIALS):
+    choices = (law.choices, other.choices)
+    met: tuple[Taken, Taken] = (set(), set())
+    for _ in range(TRIALS_OF_CHOICES if any(choices) else TRIALS):
         known: dict[str, complex] = {n: draw.choice((-1, 1)) * draw.uniform(0.3, 3) for n in (*law.inputs, "time")}
         known |= {n: draw.uniform(0.3, 3) for n in law.parameters}
         mapped: dict[str, complex] = {match.ports[n]: known[n] for n in law.inputs}
         mapped |= {n: known[p] for n, p in match.parameters.items()} | match.numbers | {"time": known["time"]}
         s = complex(draw.uniform(0.3, 2), draw.uniform(0.3, 2))
         try:
-            mine = _ports_only(_matrix(law, known, s), ports)
-            yours = _ports_only(_matrix(other, mapped, s), ports)
+            mine = _ports_only(_matrix(law, Point(known, s, met[0])), ports)
+            yours = _ports_only(_matrix(other, Point(mapped, s, met[1])), ports)
         except (ValueError, KeyError, ZeroDivisionError, OverflowError, TypeError):
             return False
         yours = yours[:, [*columns, ports]]
         rank = _rank(mine)
         if rank != _rank(yours) or rank != _rank(np.concatenate([mine, yours])):
             return False
-    return True
+    # a limit of 1000, or a choice at 100 s, is met at no point: what lies beyond has not been compared
+    return all(len(outcomes) == 2 * count for outcomes, count in zip(met, choices, strict=True))
 
 
 def _with_states(made: Component, law: Law, own: definition.Component, other: Law, match: Match) -> Match | None:
@@ -392,7 +427,7 @@ def _with_states(made: Component, law: Law, own: definition.Component, other: La
     known: dict[str, complex] = {"time": 0.0, **{n: made.items[n].value or 0.0 for n in law.parameters}}
     at_once = [e for e in law.equations if not _dynamic(e) and not _has(e, law.inputs)]  # whatever the inputs are
     columns = [*(f"{p}.{q}" for p in law.bonds for q in "ef"), *law.outputs, *law.inner]
-    rows = _matrix(law, {**known, **dict.fromkeys(law.inputs, 0.0)}, 1j, at_once)
+    rows = _matrix(law, Point({**known, **dict.fromkeys(law.inputs, 0.0)}, 1j), at_once)
     for state, first in made.initial.items():
         row = np.zeros(len(columns) + 1, complex)
         row[columns.index(state)], row[-1] = 1, -first.value
