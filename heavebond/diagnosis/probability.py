@@ -60,10 +60,10 @@ class Calibration:
 
     cases: int = 745
     temperature: float = 16.0
-    outside: float = 0.139
-    excess: float = 4.0
+    outside: float = 0.153
+    excess: float = 3.52
     simpler: float = 40.0
-    lapse: float = 0.018
+    lapse: float = 0.024
 
 
 CALIBRATION = Calibration()
