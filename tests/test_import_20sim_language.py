@@ -493,3 +493,18 @@ def test_a_run_that_does_not_start_at_zero(tmp_path: Path) -> None:
     assert at(run, "b", 0.9, 1.1, 2) == pytest.approx([0, 1, 6])
     assert at(run, "c", 0.5, 1) == pytest.approx([2, 1])
     assert at(run, "n", 0.3, 0.8) == pytest.approx([0, 1])
+
+
+def test_held_inputs_are_written_in_the_order_of_the_ports(tmp_path: Path) -> None:
+    """Two imports of a file are the same text, whatever order a set of names has in a process."""
+    names = ["left", "right", "arm", "drive", "brake"]
+    control = "equations\n" + "".join(f" {n} = {k + 1} * sample (time);\n" for k, n in enumerate(names))
+    plant = "equations\n y = int (" + " + ".join(names) + ");"
+    parts = (part("Control", "; ".join(f"signal out {n}" for n in names), control)
+             + part("Plant", "; ".join(f"signal in {n}" for n in names) + "; signal out y", plant))
+    wires = "; ".join(f"Control\\{n} -> Plant\\{n}" for n in names)
+    run = imported(tmp_path, parts, wires, 1.0,
+                   "<D><DiscreteID>A\\y</DiscreteID><TimeInterval>0.1</TimeInterval></D>")
+    (text,) = (p.read_text() for p in tmp_path.rglob("plant.yaml"))
+    assert re.findall(r"^  (\w+)_sampled: ", text, re.MULTILINE) == names
+    assert run["Plant.y"][-1] == pytest.approx(15 * 0.1 * sum(0.1 * k for k in range(10)), abs=1e-6)

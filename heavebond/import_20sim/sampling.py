@@ -28,7 +28,7 @@ class Sampling:
     submodels with continuous parts too, such as the count of an encoder that integrates a speed."""
 
     discrete: set[int] = field(default_factory=set)
-    held: dict[int, set[str]] = field(default_factory=dict)
+    held: dict[int, list[str]] = field(default_factory=dict)
     times: dict[int, float] = field(default_factory=dict)
     sampled: dict[int, set[str]] = field(default_factory=dict)
 
@@ -154,7 +154,7 @@ def sampling(root: Submodel, sample_times: Mapping[str, float]) -> Sampling:
                 mixed.add(leaf)
     for leaf in graph.leaves:
         if leaf not in found.discrete and leaf not in mixed and "hold" not in graph.calls[leaf]:
-            held = {name for name, sources in inputs[leaf].items() if any(discrete(s) for s in sources)}
+            held = [name for name, sources in inputs[leaf].items() if any(discrete(s) for s in sources)]
             if held:
                 found.held[leaf] = held
     found.times = _times(graph, inputs, found, sample_times)
