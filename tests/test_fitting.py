@@ -14,7 +14,7 @@ from scipy.stats import qmc
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import Place
-from heavebond.core.units import parse_range
+from heavebond.core.units import Range, parse_range, read_unit
 from heavebond.estimation import fitting, starts
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.diagram_files import fitted_diagram, write
@@ -22,7 +22,7 @@ from heavebond.estimation.excerpts import EXCERPTS
 from heavebond.estimation.experiment import Experiment, Free, load_experiment
 from heavebond.estimation.fitting import Fit, fit, profile
 from heavebond.estimation.records import measure
-from heavebond.estimation.residuals import SETTLED, SHORT, Residuals, Run, condensed, promised
+from heavebond.estimation.residuals import SETTLED, SHORT, Column, Residuals, Run, condensed, promised
 from heavebond.reports.result_tables import own_words
 
 DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"
@@ -318,3 +318,13 @@ def test_a_fit_to_long_records_begins_on_their_beginnings(monkeypatch: pytest.Mo
     assert any(text.startswith("beginning of the records") for text in said)
     assert found.cost[0] == pytest.approx(2 * plain.cost, rel=1e-6)
     assert found.evaluations < whole.evaluations
+
+
+@pytest.mark.parametrize("end", [9.0, 3.0, 7e-12, 1.3e7, 2.1e11])
+def test_a_logarithm_does_not_lead_beyond_a_bound(end: float) -> None:
+    """exp(log(9)) is 9.000000000000002, which a parameter with `max: 9` refuses."""
+    unit, place = read_unit("1"), Place("rig.yaml", 1, 1)
+    for low, high in ((end, 5 * end), (end / 5, end)):
+        column = Column(Free("k", Range(low, high, unit), place), "", end, "1")
+        assert column.outer(column.inner(end)) == end
+    assert Column(Free("k", Range(1.0, 9.0, unit), place), "", 2.0, "1").outer(0.5) == pytest.approx(np.exp(0.5))

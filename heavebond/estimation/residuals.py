@@ -32,6 +32,7 @@ from heavebond.numerics.simulator import Simulator, Tolerances
 BROKEN, FAR = 1e4, 100.0
 # A parameter within this share of its range from an end of it stands there.
 AT_END = 1e-3
+ROUNDED = 1e-13  # share of an end of a range by which a logarithm may miss it
 # Runs of which the results are kept: a descent begins where another one ended, a few runs ago.
 KEPT = 8
 ROUNDING = 1e-9  # share of a sum of squares by which that of the condensed problem may differ from it
@@ -57,7 +58,12 @@ class Column:
         return float(np.log(value)) if self.logarithmic else value
 
     def outer(self, value: float) -> float:
-        return float(np.exp(value)) if self.logarithmic else value
+        if not self.logarithmic:
+            return value
+        found = float(np.exp(value))
+        # exp(log(9)) is 9 and a little, which is beyond a bound of 9
+        ends = (self.free.range.low, self.free.range.high)
+        return next((end for end in ends if abs(found - end) <= ROUNDED * end), found)
 
     def slope(self, value: float) -> float:
         """d outer / d inner."""
