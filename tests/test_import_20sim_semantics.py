@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 from test_import_20sim import one_part, run_part
 
+from heavebond.import_20sim.importer import import_emx
+from heavebond.language.library import library
+
 
 @pytest.mark.parametrize(("body", "value"), [
     ("equations\n y = if (time > 1) == (time > 0.5) then 1 else 2 end;", lambda t: np.where((t > 0.5) & (t < 1), 2, 1)),
@@ -66,3 +69,12 @@ def test_a_discrete_state_in_code(tmp_path: Path) -> None:
     body = "variables\n real k;\ncode\n next (k, 5) = k + 2 * sampletime;\n y = hold (k);"
     run = run_part(tmp_path, one_part(body, "y"), untranslated=1)  # the sample time of 0.1 s
     assert run["Part.y"][np.argmin(np.abs(run.time - 1.05))] == pytest.approx(7)
+
+
+@pytest.mark.parametrize("exponent", ["0.5", "17", "time", "-1e9"])
+def test_a_power_of_a_matrix_that_is_not_whole_or_too_high_is_listed(tmp_path: Path, exponent: str) -> None:
+    body = ("parameters\n real A[2,2] = [1, 2; 3, 4], c = 2;\nvariables\n real P[2,2];\nequations\n"
+            f" P = (c * A) ^ ({exponent});\n y = P[1,2];")
+    (tmp_path / "part.emx").write_text(one_part(body, "y"))
+    made = import_emx(tmp_path / "part.emx", frozenset(library().names()))
+    assert any("power" in u.reason for u in made.untranslated)

@@ -25,6 +25,7 @@ MEMBERS = {"power": ("e", "f"), "hydraulic": ("p", "phi"), "translation": ("F", 
            "petrinet": ("e", "f"), "pseudohydraulic": ("p", "dm"), "pseudopneumatic": ("p", "dm"),
            "pseudothermalh": ("T", "dH"), "electrical": ("u", "i")}
 MOST_ELEMENTS = 2000
+MOST_TIMES = 16  # that a matrix is multiplied by itself
 OUTSIDE = "where an index that the run decides lies outside its vector, the first or the last element is used"
 
 
@@ -99,7 +100,7 @@ class Evaluator:
         if op == "*":
             return _product(self(expr.args[0]), self(expr.args[1]), expr.line)
         if op == "^" and _is_square(base := self(expr.args[0])):
-            return power(base, self.whole(expr.args[1]))
+            return self._power(base, expr)
         if op == "/" and _is_square(self(expr.args[1])):  # A / B is A * inverse (B)
             inverse = self._call(Expr("call", (expr.args[1],), "inverse", line=expr.line))
             return _product(self(expr.args[0]), inverse, expr.line)
@@ -108,6 +109,16 @@ class Evaluator:
         if op in ("text", "range"):
             raise Unreadable(expr.line, "a text stands where a number is needed")
         return each(lambda a, b: self._pair(op, a, b, expr.line), self(expr.args[0]), self(expr.args[1]), expr.line)
+
+    def _power(self, base: Matrix, expr: Expr) -> Matrix:
+        """A square matrix to a power, `expr` being `A ^ n`; of its inverse for a negative one."""
+        exponent = fold(self.scalar(expr.args[1]), self.numbers)
+        if exponent is None or exponent != round(exponent) or abs(exponent) > MOST_TIMES:
+            raise Unreadable(expr.line, "a matrix has a power that is no known whole number "
+                                        f"from -{MOST_TIMES} to {MOST_TIMES}")
+        if exponent < 0:
+            base = self._call(Expr("call", (expr.args[0],), "inverse", line=expr.line))
+        return power(base, abs(round(exponent)))
 
     def _pair(self, op: str, a: Expr, b: Expr, line: int) -> Expr:
         if op in (".*", "./", ".^"):

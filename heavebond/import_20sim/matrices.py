@@ -98,11 +98,11 @@ def product(a: Matrix, b: Matrix) -> Matrix:
 
 
 def power(m: Matrix, exponent: int) -> Matrix:
-    """A square matrix times itself, `exponent` times in all; of its inverse for a negative exponent."""
+    """A square matrix times itself, `exponent` times in all."""
     found: Matrix = [[f.number(float(i == k)) for k in range(len(m))] for i in range(len(m))]
-    for _ in range(abs(exponent)):
+    for _ in range(exponent):
         found = product(found, m)
-    return found if exponent >= 0 else _inverse(found)
+    return found
 
 
 def _transposed(m: Matrix) -> Matrix:
