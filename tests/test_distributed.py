@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import re
@@ -10,6 +11,7 @@ import subprocess
 import sys
 import time as clock
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,7 @@ from typing import Any
 import distributed
 import numpy as np
 import pytest
+from distributed.comm.core import CommClosedError
 
 import heavebond as hb
 from heavebond.cli import main
@@ -146,3 +149,25 @@ def test_a_search_that_loses_its_scheduler_goes_on_without(tmp_path: Path, monke
     resumed = told("--resume")
     assert lines and not kept.exists()
     assert resumed == told()
+
+
+@pytest.mark.parametrize(("lost", "outcome"), [(True, "cancelled"), (False, "answered")])
+def test_a_connection_that_closes_within_an_answer_is_no_error_of_a_file(lost: bool, outcome: str) -> None:
+    """`CommClosedError` is an OSError. With the scheduler lost the answer is cancelled, which `listen` explains; while it is
+    there the answer is asked for again."""
+    class Client:
+        status, asked = "running", 0
+
+        async def gather(self, task: Any, asynchronous: bool) -> int:
+            self.asked += 1
+            if lost:
+                self.status = "closed"
+            if lost or self.asked < 3:
+                raise CommClosedError("in <TCP (closed)>: Stream is closed")
+            return 7
+
+    cluster = Cluster.__new__(Cluster)
+    cluster.client = Client()
+    answer: Future[int] = Future()
+    asyncio.run(cluster._handed_over(None, answer))
+    assert answer.cancelled() if outcome == "cancelled" else answer.result() == 7

@@ -19,6 +19,7 @@ T = TypeVar("T")
 AHEAD = 2  # tasks that a worker has at a time, so that it need not wait for the next one
 PATIENCE = 20.0  # seconds for a scheduler, for the first answer of a worker, and for workers that were lost to come back
 AGAIN = "give the same command again, or without `--scheduler`: what was done is kept (`diagnose` takes it with `--resume`)."
+ANSWERS, PAUSE = 20, 0.1  # how often, and after how many seconds, an answer is asked for whose connection has closed
 _one = Lock()
 
 
@@ -92,16 +93,28 @@ class Cluster(Workers):
 
     async def _handed_over(self, task: Any, answer: Future[Any]) -> None:
         """What comes of a task as the answer to it. A result that goes with its worker before it is fetched is waited for
-        again, as the scheduler has it made anew; the executor of dask itself raises a TypeError then."""
-        try:
-            found = await self.client.gather(task, asynchronous=True)
-        except (asyncio.CancelledError, CancelledError):
-            answer.cancel()
-            answer.set_running_or_notify_cancel()
-        except BaseException as error:
-            answer.set_exception(error)
-        else:
-            answer.set_result(found)
+        again, as the scheduler has it made anew; the executor of dask itself raises a TypeError then. So is one while whose
+        answer the connection closes, unless the scheduler is lost."""
+        from distributed.comm.core import CommClosedError
+
+        for left in reversed(range(ANSWERS)):
+            try:
+                found = await self.client.gather(task, asynchronous=True)
+            except (asyncio.CancelledError, CancelledError):
+                _cancel(answer)
+            except CommClosedError as error:
+                if self.client.status == "running" and left:
+                    await asyncio.sleep(PAUSE)
+                    continue
+                if self.client.status == "running":
+                    answer.set_exception(error)
+                else:
+                    _cancel(answer)
+            except BaseException as error:
+                answer.set_exception(error)
+            else:
+                answer.set_result(found)
+            return
 
     def listen(self) -> None:
         if self.client.status != "running":
@@ -127,6 +140,11 @@ def connected(address: str | None) -> Iterator[Cluster | None]:
         return
     with Cluster(address) as cluster:
         yield cluster
+
+
+def _cancel(answer: Future[Any]) -> None:
+    answer.cancel()
+    answer.set_running_or_notify_cancel()
 
 
 def _version() -> str:
