@@ -94,21 +94,18 @@ def adequacy(chosen: Refit, made: Stage, beside: Comparand, curves: Stage | None
         if curves is not None else []
     here = min((t for t in trials if same_place(t, law)), key=loss, default=None)
     there = min((t for t in trials if not same_place(t, law) and _as_good(t, law, misfit)), key=loss, default=None)
-    beaten, covered = _beats(here, law, beside.experiment)
-    elsewhere, so_far = _beats(there, here if beaten and here is not None else law, beside.experiment)
-    if elsewhere:
+    covered = coverage(here, beside.experiment) if here is not None else float("nan")
+    beaten = here is not None and covered >= DECISION.covered and _explains_most(here, law)
+    rival = here if beaten and here is not None else law
+    if there is not None and _explains_most(there, rival) \
+            and (so_far := coverage(there, beside.experiment)) >= DECISION.covered:  # (which takes runs of all records)
         here, there, beaten, covered = there, None, True, so_far
     return Adequacy(explained, here, there, beaten, covered, complete, curves is not None and not curves.partial)
 
 
-def _beats(curve: Refit | None, law: Refit, experiment: Experiment) -> tuple[bool, float]:
-    """Whether an identified curve explains most of what a law leaves above the noise, and the share of the held-out motion
-    that it covers, `experiment` being that without it."""
-    if curve is None:
-        return False, float("nan")
-    covered = coverage(curve, experiment)
-    return covered >= DECISION.covered and better(curve, law) \
-        and loss(law) - loss(curve) > DECISION.mainly * max(loss(law) - 1.0, 0.0) > 0, covered
+def _explains_most(curve: Refit, law: Refit) -> bool:
+    """Whether an identified curve explains most of what a law leaves above the noise."""
+    return better(curve, law) and loss(law) - loss(curve) > DECISION.mainly * max(loss(law) - 1.0, 0.0) > 0
 
 
 def same_place(one: Refit, other: Refit) -> bool:
