@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from heavebond.core.errors import listing
-from heavebond.core.presentation import number, path_text, readable_unit
+from heavebond.core.presentation import difference_unit, number, path_text, readable_unit
 from heavebond.core.units import read_unit
 from heavebond.estimation.experiment import Experiment, Output
 from heavebond.numerics.dae import Array
@@ -107,13 +107,11 @@ def advice(experiment: Experiment, name: str, bias: Bias, chi2: float) -> str:
 
 def _written(output: Output, value: float, beside: float | None = None) -> tuple[float, str]:
     """A difference of a channel as a number and its unit: of degC in K."""
-    text = output.shown.unit
-    unit = read_unit(text)
-    if unit.offset:
-        return value * unit.scale, " K"
-    shown = readable_unit(text, value if beside is None else beside)
-    if shown != text:
-        value = value * unit.scale / read_unit(shown).scale
+    scale, unit = difference_unit(output.shown.unit)
+    value *= scale
+    shown = readable_unit(unit, value if beside is None else scale * beside)
+    if shown != unit:
+        value *= read_unit(unit).scale / read_unit(shown).scale
     return value, "" if shown == "1" else f" {shown}"
 
 
