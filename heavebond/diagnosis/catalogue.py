@@ -22,7 +22,7 @@ from heavebond.equations.parameters import formula_order
 from heavebond.estimation.change import Change, Part
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment
-from heavebond.language.definition import Component, Effect, FileInput, Parameter, SearchRange
+from heavebond.language.definition import Component, Effect, FileInput, Parameter, SearchRange, rate_of
 from heavebond.language.effects import check_replacing
 from heavebond.language.lists import written_out
 from heavebond.numerics.dae import Assembly
@@ -363,8 +363,7 @@ def _settled(component: Component, effect: Effect, name: str) -> dict[str, str]:
     guess: where the conditions of the diagram decide it, they hold.)"""
     found = {}
     for variable in effect.settled:
-        if variable.startswith("der("):
-            own = variable.removeprefix("der(").removesuffix(")")
+        if (own := rate_of(variable)) is not None:
             found[f"der({name}.{own})"] = f"~ 0 {component.variables[own].unit.text}/s"
         else:
             found[f"{name}.{variable}"] = f"~ {quantity(0.0, component.variables[variable].unit)}"

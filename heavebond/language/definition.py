@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -222,6 +223,12 @@ class Parameter:
     medium: str = ""
     width: bool = False
     columns: Expr | None = None
+
+
+def rate_of(text: str) -> str | None:
+    """The variable of which `der(v)` is the rate; None for any other text."""
+    found = re.fullmatch(r"der\((.+)\)", text)
+    return found[1] if found is not None else None
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from heavebond.language.definition import (
     SearchRange,
     SignalPort,
     Variable,
+    rate_of,
 )
 from heavebond.language.renamed_keys import present
 from heavebond.text.expression import names
@@ -181,7 +182,7 @@ class EffectReader:
     def _settled(self, node: Node | None) -> tuple[str, ...]:
         found = []
         for word in reading.words(node, "settled", self.problems):
-            name = word.text.removeprefix("der(").removesuffix(")") if word.text.startswith("der(") else word.text
+            name = rate_of(word.text) or word.text
             if name in self.variables:
                 found.append(word.text)
             else:

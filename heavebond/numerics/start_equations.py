@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,6 +14,7 @@ from heavebond.equations.block_solver import Pivot
 from heavebond.equations.buffered import Buffered
 from heavebond.equations.flatten import EquationRole, FlatEquation
 from heavebond.equations.state_selection import InitialGuess
+from heavebond.language.definition import rate_of
 from heavebond.language.sections import Condition
 from heavebond.language.smoothing import SmoothedColumn, rounded
 from heavebond.language.symbols import CORNERS, split, stack
@@ -58,7 +58,6 @@ class InitialisationConstants:
     share: float = 1e-3
 
 
-RATE = re.compile(r"der\((.+)\)")
 INITIALISATION = InitialisationConstants()
 
 
@@ -185,13 +184,13 @@ class StartEquations:
         """Whether a guess is used: one of a rate, `der(joint.v): ~ 0`, only where the variable consists of speeds alone. The
         positions that they leave open then follow from it (the elongation of a spring between two masses, from the load
         that it carries). Otherwise the variable's own guess decides the positions, as that of a joint without mass does."""
-        inner = RATE.fullmatch(guess.name)
+        inner = rate_of(guess.name)
         if inner is None:
             return True
         assembly, states = self.assembly, self.assembly.reduced.states
         speeds = {s.element_hash() for s, (j, order) in zip(split(assembly.arguments[1]), states, strict=True)
                   if assembly.flat.unknowns[j].motion or order > 0}
-        value = assembly.expression(assembly.model.library.formula(inner[1]))
+        value = assembly.expression(assembly.model.library.formula(inner))
         within = {s.element_hash() for s in ca.symvar(value)} & {s.element_hash() for a in assembly.arguments[1:3]
                                                                 for s in split(a)}
         return bool(within) and within <= speeds
