@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.diagnosis.drawing import drawn
+from benchmarks.diagnosis.machines import MACHINES
 from heavebond.diagnosis import base_model, refit_schedule, scoring
 from heavebond.diagnosis.base_model import Base, searched
 from heavebond.diagnosis.catalogue import Candidate, single_candidates
-from heavebond.diagnosis.equivalent_values import equivalent_values
-from heavebond.diagnosis.scoring import Score, scored
+from heavebond.diagnosis.equivalent_values import NEARLY, _beside, _held_directions, equivalent_values
+from heavebond.diagnosis.fixed_values import VALUE
+from heavebond.diagnosis.scoring import SAME, Score, scored
 from heavebond.diagnosis.verdict import acting_as_values
 from heavebond.estimation.comparison import assemble_for, driven_by
 from heavebond.estimation.experiment import load_experiment
@@ -270,6 +273,19 @@ def test_candidates_that_are_another_value_of_a_number_are_known_before_the_sear
     assert {label: found.get(label, ()) for label in expected} == expected
 
 
+def test_parallel_tangents_are_recognised_where_runs_of_the_search_bend_them_apart(tmp_path: Path) -> None:
+    """Heat capacity on a body whose mass is held fixed is another value of that mass exactly, m c der(T) = Q; tangents of
+    the search differ by 0.5 %. A store of heat that follows within seconds is not the same."""
+    case = drawn(MACHINES["winding"], 39, tmp_path)
+    problem = searched(case.experiment)
+    base = Base.at(problem, problem.start)
+    scores = [score for label in ("HeatCapacity on winding", "HeatStorage on winding")
+              for score in scored(base, _candidate(problem, label))]
+    held = _held_directions(base)["winding.m"]
+    assert all(SAME < _beside(s.direction, {"": held})[""] < NEARLY for s in scores if "Capacity" in s.candidate.label)
+    assert equivalent_values(base, scores) == {"HeatCapacity on winding": ("winding.c", "winding.m")}
+
+
 def test_words_tell_what_acts_as_another_value() -> None:
     candidate = SimpleNamespace(label="Mass on crown", attaches="at", kind="added mass", place="on crown", component="Mass")
     step: Any = SimpleNamespace(acts_as={"Mass on crown": ("crown.m",)})
@@ -277,6 +293,10 @@ def test_words_tell_what_acts_as_another_value() -> None:
     (line,) = acting_as_values([finding], [step], [])
     assert line.startswith("added mass on crown (Mass) acts as another value of crown.m does")
     assert acting_as_values([finding], [step], ["crown.m"]) == []  # told already
+    value: Any = SimpleNamespace(candidate=SimpleNamespace(label="Mass in crown (m)", kind=VALUE,
+                                                           numbers=(SimpleNamespace(name="crown.m"),)))
+    assert acting_as_values([value], [step], []) == [
+        "If crown.m is right in the diagram, an effect that acts the same is missing: Mass on crown."]
 
 
 @pytest.mark.parametrize(("motion", "found"), [((1.0, 3.0), (1.0, 3.0)), ((-2.0, -0.2), (0.0, 0.7)), ((-9.0, -8.0), None)])

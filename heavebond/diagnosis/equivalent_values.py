@@ -10,29 +10,43 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
 from heavebond.core.errors import HeavebondError
 from heavebond.diagnosis.base_model import Base, sensitivities
 from heavebond.diagnosis.fixed_values import fixed_values
-from heavebond.diagnosis.scoring import SAME, Score
+from heavebond.diagnosis.scoring import SAME, SIZED, Score
 from heavebond.estimation.change import Change
+from heavebond.estimation.residuals import Run
 from heavebond.numerics.dae import Array
+from heavebond.numerics.quick_simulation import QuickSimulator
+
+# Tangents of the search err by some percent (see `scoring.SIZED`): two that are nearly in proportion, less than this share
+# of one beside the other, are computed anew, at this share of the tolerances, where the error falls with them.
+NEARLY, FINELY = 0.05, 0.01
 
 
 def equivalent_values(base: Base, scores: Sequence[Score]) -> dict[str, tuple[str, ...]]:
     """The numbers of the diagram of which candidates are another value, by the labels of these: at every choice of its
-    shapes a candidate is in proportion to the same one."""
+    shapes a candidate is in proportion to the same one. Where the tangents are so nearly, they are computed anew by finer
+    runs: those of the search err by more than what decides."""
     held = _held_directions(base) if scores else {}
     free = _unit({column.free.name: base.J[:, k] for k, column in enumerate(base.problem.columns)})
-    found: dict[str, list[set[str]]] = {}
+    of: dict[str, list[Score]] = {}
     for score in scores:
         if score.size > 0:
-            near = held if score.told_apart else free
-            found.setdefault(score.candidate.label, []).append(_in_proportion(score, near))
-    together = {label: set.intersection(*names) for label, names in found.items()}
-    return {label: tuple(sorted(names)) for label, names in together.items() if names}
+            of.setdefault(score.candidate.label, []).append(score)
+    found = {}
+    for label, own in of.items():
+        beside = [_beside(score.direction, held if score.told_apart else free) for score in own]
+        nearly = set.intersection(*({name for name, share in shares.items() if share < NEARLY} for shares in beside))
+        if names := {name for name in nearly if all(shares[name] < SAME or (
+                score.told_apart and score.side == 0 and _beside_finely(base, score, name) < SAME)
+                for score, shares in zip(own, beside, strict=True))}:
+            found[label] = tuple(sorted(names))
+    return found
 
 
 def _held_directions(base: Base) -> dict[str, Array]:
@@ -47,11 +61,31 @@ def _held_directions(base: Base) -> dict[str, Array]:
     return _unit({name: s for name, s in left.items() if np.linalg.norm(s) > SAME * np.linalg.norm(moved[name])})
 
 
+def _beside_finely(base: Base, score: Score, name: str) -> float:
+    """The share of a score's direction that is beside that of a number, both from finer runs; 1 where they fail. What the
+    free parameters take of two vectors in proportion is in proportion as well, however exact J is."""
+    along = list(score.along)
+    size = SIZED * float(np.linalg.norm(base.r)) / score.size
+    there = {**{n.name: n.neutral for n in score.candidate.vanishing}, **score.shapes}
+    try:
+        own = sensitivities(base, _finely(base.runs(score.candidate.change, along), dict.fromkeys(along, size)), there)
+        other = sensitivities(base, _finely(base.runs(Change(), [name]), {}), {})[name]
+    except HeavebondError:
+        return 1.0
+    directions = _unit({"own": base.split(np.sum([own[a] for a in along], axis=0))[0], "other": base.split(other)[0]})
+    return _beside(directions["own"], directions)["other"] if len(directions) == 2 else 1.0
+
+
+def _finely(runs: Sequence[Run], sizes: Mapping[str, float]) -> list[Run]:
+    """The runs with a hundredth of their tolerances, whose error control knows how large amplitudes are."""
+    return [run.again(run.names, sizes, QuickSimulator, replace(now, rtol=FINELY * now.rtol, atol=FINELY * now.atol))
+            for run in runs for now in [run.simulator.tolerances]]
+
+
 def _unit(columns: Mapping[str, Array]) -> dict[str, Array]:
     return {name: s / length for name, s in columns.items() if (length := float(np.linalg.norm(s))) > 0}
 
 
-def _in_proportion(score: Score, directions: Mapping[str, Array]) -> set[str]:
-    """The names of the directions to which that of a score is parallel: less than the share SAME of it is beside them."""
-    return {name for name, s in directions.items()
-            if float(np.linalg.norm(score.direction - (score.direction @ s) * s)) < SAME}
+def _beside(direction: Array, others: Mapping[str, Array]) -> dict[str, float]:
+    """The share of a unit vector (n,) that is beside each of others, the sine of the angle between them."""
+    return {name: float(np.linalg.norm(direction - (direction @ s) * s)) for name, s in others.items()}

@@ -297,13 +297,17 @@ def _parameters(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], 
 
 def acting_as_values(findings: Sequence[AddedEffect], steps: Sequence[Stage], known: Sequence[str]) -> list[str]:
     """Of which numbers that the diagram holds fixed the findings are another value, to first order, but those already
-    `known`."""
+    `known`; and which effects act as a value that is found."""
     lines = []
     for finding, step in zip(findings, steps, strict=False):
         names = [n for n in step.acts_as.get(finding.candidate.label, ()) if n not in known]
         if names:
             lines.append(f"{called(finding.candidate)} acts as another value of {listing(names, len(names))} does: where "
                          "the effect is small, the records cannot tell them apart. Make sure of that value.")
+        if finding.candidate.kind == VALUE and (alike := [label for label, names in step.acts_as.items()
+                                                          if finding.candidate.numbers[0].name in names]):
+            lines.append(f"If {finding.candidate.numbers[0].name} is right in the diagram, an effect that acts the same is "
+                         f"missing: {' or '.join(alike)}.")
     return lines
 
 
