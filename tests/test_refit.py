@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from benchmarks.diagnosis.drawing import drawn
+from benchmarks.diagnosis.machines import MACHINES
 from benchmarks.diagnosis.making import Hidden, made
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
@@ -21,6 +25,7 @@ from heavebond.diagnosis.kept_refits import entry, restored
 from heavebond.diagnosis.refit import Refit, begun, followed, polished
 from heavebond.diagnosis.scoring import Score, scored
 from heavebond.diagnosis.stage import fitted_base, is_noticeable, make_stage
+from heavebond.diagnosis.verdict import _not_held_out
 
 
 def refitted(base: Base, candidate: Candidate, guesses: Sequence[Score]) -> Refit | None:
@@ -131,6 +136,23 @@ def test_runs_that_err_by_more_than_what_a_refit_leaves_are_made_finer(tmp_path:
     assert found.chi2_fit == pytest.approx(1.0, abs=3.5 * np.sqrt(2 / found.samples))
     kept = restored(base, candidate, scored(base, candidate), entry(candidate, found))
     assert kept is not None and kept.finer == found.finer
+
+
+def test_an_effect_that_only_the_fitted_samples_show_is_named_by_their_cross_validation(tmp_path: Path) -> None:
+    """A gauge that reads 11 % too little, on a record whose last third hardly moves: held-out samples are noise with and
+    without it."""
+    case = drawn(MACHINES["oil block"], 23, tmp_path)
+    step = make_stage(case.experiment, number=1, classes=("sensor gain", "dead band"))
+    assert not step.shown_held_out and step.chi2_held_out == pytest.approx(1.0, abs=3 * np.sqrt(2 / step.samples_held_out))
+    assert step.chosen is not None and step.chosen.candidate.label == "SensorGain in the channel channel_1"
+    assert is_noticeable(step, step.chosen) and step.chosen.chi2_fit < 1.1 < 2 < step.chi2_fit
+    rival = next(t for t in step.trials if t.candidate.kind == "dead band")
+    assert not is_noticeable(step, rival)
+    finding: Any = SimpleNamespace(alternatives=step.cluster)
+    (words,) = _not_held_out(finding, step)
+    assert words.startswith("Held-out data do not show the effect") and "(2.15 to 0.941)" in words
+    there: Any = SimpleNamespace(shown_held_out=True)
+    assert _not_held_out(finding, there) == []
 
 
 def test_what_takes_a_noticeable_part_away_leads(tmp_path: Path) -> None:

@@ -66,7 +66,12 @@ def _noticeable(errors: Array) -> bool:
 def is_noise(fitted: float, held_out: float, samples: int) -> bool:
     """Whether these chi-squares a sample are no more than given noise can be: on `samples` that were not fitted by chance
     alone, and near it on those that were fitted."""
-    return fitted <= DECISION.near and samples > 0 and held_out <= 1 + SIGMAS * (2 / samples) ** 0.5
+    return fitted <= DECISION.near and samples > 0 and not is_above_noise(held_out, samples)
+
+
+def is_above_noise(chi2: float, samples: int) -> bool:
+    """Whether chi-square a sample is more than that of noise by chance; on no samples it is not."""
+    return samples > 0 and chi2 > 1 + SIGMAS * (2 / samples) ** 0.5
 
 
 def _largest(scores: Sequence[Score], errors: Array) -> tuple[float, float]:

@@ -6,7 +6,6 @@ take the one that leaves least on held-out data, if it earns its place there.
 
 from __future__ import annotations
 
-import math
 import time as clock
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,13 +23,13 @@ from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.equivalent_values import equivalent_values
 from heavebond.diagnosis.fixed_values import fixed_values
-from heavebond.diagnosis.identity import STRONG, Identity, compared, leaves_noise, likelihood
+from heavebond.diagnosis.identity import ALL, STRONG, Identity, compared, leaves_noise, likelihood, loss
 from heavebond.diagnosis.like_places import beyond_their_members, candidates
 from heavebond.diagnosis.places import Places
 from heavebond.diagnosis.predictive_errors import SELECTION, TEST, PredictiveErrors, predictive_errors
 from heavebond.diagnosis.refit import Refit, bic, refitted_from
 from heavebond.diagnosis.refit_schedule import RefitSchedule, planned
-from heavebond.diagnosis.residual_tests import ResidualTests, is_noise, leftover
+from heavebond.diagnosis.residual_tests import ResidualTests, is_above_noise, is_noise, leftover
 from heavebond.diagnosis.scoring import Score
 from heavebond.equations.places import nodes_of
 from heavebond.estimation.experiment import Experiment
@@ -93,6 +92,12 @@ class Stage:
     def places(self) -> Places:
         """The places of its diagram."""
         return Places.of(self.experiment, self.as_one)
+
+    @property
+    def shown_held_out(self) -> bool:
+        """Whether the model without any of the candidates leaves more than noise on what was not fitted: otherwise nothing
+        can leave less there, and only the cross-validated errors of what was fitted tell."""
+        return is_above_noise(self.chi2_held_out, self.samples_held_out)
 
     @property
     def merit(self) -> float:
@@ -297,10 +302,12 @@ def _leader(made: Stage, earned: Sequence[Refit]) -> Refit:
 
 
 def is_noticeable(made: Stage, trial: Refit) -> bool:
-    """Whether a trial takes away a noticeable part of what is left above the noise (where nothing was held out: of what was
-    fitted)."""
-    before, after = (made.chi2_held_out, trial.chi2_held_out) if math.isfinite(made.chi2_held_out) else \
-        (made.chi2_fit, trial.chi2_fit)
+    """Whether a trial takes away a noticeable part of what is left above the noise: on held-out data where these hold more
+    than noise, else on all samples, each predicted by parameters that were not fitted to it."""
+    assert made.errors is not None
+    before, after = made.errors.mean(*ALL), loss(trial)
+    if made.shown_held_out:
+        before, after = made.chi2_held_out, trial.chi2_held_out
     return (before - after) / max(before - 1.0, 1e-9) > DECISION.further
 
 
@@ -409,18 +416,21 @@ def _merit(cost: float, samples: int, unknowns: int, errors: PredictiveErrors | 
 
 
 def _earned(made: Stage) -> list[Refit]:
-    """The trials whose merit, and chi-square on the selection data where there are records for it, both fall by more than
+    """The trials whose merit, and chi-square on the selection data where they hold more than noise, both fall by more than
     chance allows, best first."""
     assert made.errors is not None
     before, samples = made.errors.mean(SELECTION), made.errors.samples(SELECTION)
     return [t for t in made.trials if merit(t) < made.merit - EARNED and t.errors is not None
-            and (not samples or fallen(before, t.errors.mean(SELECTION), samples) > EARNED)
-            and not _worse(made.chi2_held_out, t)]
+            and (not is_above_noise(before, samples) or fallen(before, t.errors.mean(SELECTION), samples) > EARNED)
+            and not _worse(made, t)]
 
 
-def _worse(before: float, trial: Refit) -> bool:
-    """Whether a refit leaves more than the model without it on all that was not fitted."""
-    return bool(trial.samples_held_out) and not trial.chi2_held_out < before
+def _worse(made: Stage, trial: Refit) -> bool:
+    """Whether a refit leaves more than the model without it on all that was not fitted; where that leaves no more than
+    noise, whether the refit leaves more than noise."""
+    if made.shown_held_out:
+        return not trial.chi2_held_out < made.chi2_held_out
+    return is_above_noise(trial.chi2_held_out, trial.samples_held_out)
 
 
 def fallen(before: float, after: float, samples: int) -> float:

@@ -20,6 +20,7 @@ from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.fixed_values import VALUE
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, channel_errors
+from heavebond.diagnosis.predictive_errors import FITTED
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.residual_tests import is_noise
 from heavebond.diagnosis.stage import Stage, is_noticeable
@@ -132,6 +133,7 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
                      f"about {number(DECISION.blocks, 2)} are needed.")
     if findings:
         lines.append(_fall(ladder[0], findings[-1].rung))
+        lines += _not_held_out(findings[0], steps[0])
     if steps[0].at_end and findings and not steps[-1].at_end:
         lines.append(f"Without it {listing(steps[0].at_end)} went to the end of the range, a sign that physics is missing; "
                      "with it they come back inside.")
@@ -230,6 +232,17 @@ def _fall(first: LadderEntry, last: LadderEntry) -> str:
     return f"The error on {where} data {way}: {channels}. That is {number(100 * error, 3)} % " \
            f"to {number(100 * error_last, 3)} % of what was measured, reduced chi-square {number(chi2, 3)} to " \
            f"{number(chi2_last, 3)}; 1 = noise level."
+
+
+def _not_held_out(finding: AddedEffect, step: Stage) -> list[str]:
+    """That the held-out data do not show an effect, which the fitted data do."""
+    after = next((t.errors for t in finding.alternatives), None)
+    if step.shown_held_out or not step.samples_held_out or step.errors is None or after is None:
+        return []
+    return [f"Held-out data do not show the effect: without it they hold no more than noise (reduced chi-square "
+            f"{number(step.chi2_held_out, 3)}). What shows it are the fitted data, cross-validated by blocks of time "
+            f"({number(step.errors.mean(FITTED), 3)} to {number(after.mean(FITTED), 3)}): make sure with a record that "
+            "moves as these do."]
 
 
 def _share(explained: float) -> str:
