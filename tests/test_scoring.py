@@ -219,6 +219,19 @@ def test_laws_with_other_shapes_are_not_the_same_machine() -> None:
         assert refit_schedule._same([plain], [other], {}) is alike
 
 
+def test_a_law_of_an_input_and_of_a_channel_are_refitted_both_unless_their_tangents_are_one() -> None:
+    """Neither stands at a node: what two laws at nodes that move as one may differ by is no measure for them."""
+    found = {c.label: c for c in single_candidates(load_experiment("receiver_rig/choked"))}
+    places = (("FirstOrderLag before inlet.u", "FirstOrderLag in the channel receiver.p", False),
+              ("PneumaticOrifice between receiver and air", "PneumaticOrifice between supply and air", True))
+    for first, second, joined in places:
+        for turned, alike in ((0.0, True), (0.01, joined)):
+            directions = np.array([1.0, 0.0]), np.array([np.cos(turned), np.sin(turned)])
+            one, other = ([Score(found[label], {}, 9.0, 1.0, np.zeros(0), 1.0, 1.0, direction)]
+                          for label, direction in zip((first, second), directions, strict=True))
+            assert refit_schedule._same(one, other, {"receiver": "supply"}) is alike
+
+
 def test_one_diagram_serves_records_that_differ_in_their_files_alone(problem: Residuals) -> None:
     experiment = problem.experiment
     train, check = experiment.records.values()

@@ -152,12 +152,13 @@ def _family(score: Score) -> tuple[str, frozenset[str]]:
 def _same(one: Sequence[Score], other: Sequence[Score], as_one: Mapping[str, str]) -> bool:
     """Whether two candidates move all channels in the same proportion at all shapes: one law at places that act alike.
     Where its nodes move as one it is the same machine, and only what a channel measures inside of what joins them could tell
-    them apart; steps over kinks make some directions rough, so that there the clearest decides."""
+    them apart; steps over kinks make some directions rough, so that there the clearest decides. (A lag of an input and of a
+    channel stand at no node, and differ by their initial states.)"""
     a, b = one[0].candidate, other[0].candidate
     if a.vanishes != b.vanishes or len(one) != len(other) or len(a.numbers) != len(b.numbers):
         return False
     pairs = list(zip(sorted(one, key=_shapes), sorted(other, key=_shapes), strict=True))
-    if a.component == b.component and _nodes(a, as_one) == _nodes(b, as_one):
+    if a.component == b.component and _nodes(a, as_one) == _nodes(b, as_one) != []:
         return _alike(*max(pairs, key=lambda pair: min(s.gain for s in pair)), JOINED, 1 - JOINED)
     return all(_alike(s, t, ALIKE, TWINS) for s, t in pairs)
 
