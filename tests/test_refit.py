@@ -155,6 +155,18 @@ def test_an_effect_that_only_the_fitted_samples_show_is_named_by_their_cross_val
     assert _not_held_out(finding, there) == []
 
 
+def test_candidates_that_only_held_out_data_tell_apart_are_refitted_both(tmp_path: Path) -> None:
+    """Dry friction of a shaft that turns one way in the fitted record is a constant torque, and past a large inertia a
+    drift of the sensor; the other record reverses."""
+    case = drawn(MACHINES["gearbox"], 15, tmp_path)
+    step = make_stage(case.experiment, number=1, classes=("dry friction", "constant force", "sensor drift"))
+    fits = {t.candidate.label: (t.chi2_fit, t.chi2_held_out) for t in step.trials}
+    friction, torque = "RotationalCoulombFriction between slow and the surroundings", "ConstantTorque on slow"
+    assert fits[friction][0] == pytest.approx(fits[torque][0], rel=0.01) and fits[friction][1] < 0.7 * fits[torque][1]
+    assert step.chosen is not None and step.chosen.candidate.kind == "dry friction"
+    assert not {friction, torque, "SensorDrift in the channel channel_0"} & {t for of in step.twins.values() for t in of}
+
+
 def test_what_takes_a_noticeable_part_away_leads(tmp_path: Path) -> None:
     """Friction that grows with the position, of which the catalogue has no law: end stops fit the first record best and do
     nothing for the other one, constant friction takes three quarters away there."""

@@ -175,6 +175,11 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
                 say("comparing the best closely")
                 refits.trials |= _polished(workers, list(refits.trials.values()), {c.label: g for c, g in (*leading, *rest)},
                                            CLOSELY if most is None else 1)
+                if most is None:
+                    apart = _told_apart_held_out(workers, list(refits.trials.values()), twins, scores)
+                    refits.trials |= apart
+                    same = {label: tuple(other for other in group if other not in apart) for label, group in twins.items()}
+                    twins = {label: group for label, group in same.items() if group}
         except KeyboardInterrupt:
             clear_signal()
             partial, left, twins = True, leftover(base, scores), {}
@@ -197,6 +202,29 @@ def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, S
     better = {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label], None) for t in near])}
     lent = [(t, guesses[t.candidate.label], lender) for t in better.values() if (lender := _lender(t, better.values()))]
     return better | {c.label: t for c, t in workers.polish(lent)}
+
+
+def _told_apart_held_out(workers: Workers, trials: Sequence[Refit], twins: Mapping[str, tuple[str, ...]],
+                         scores: Sequence[Score]) -> dict[str, Refit]:
+    """Refits of candidates that count as the same as one near the best, where data that were not fitted tell them apart: the
+    tangents compare on the fitted samples alone, where dry friction of what turns one way is a constant torque."""
+    lowest = min((t.bic for t in trials), default=0.0)
+    best = [t for t in trials if t.bic - lowest < STRONG + CLOSE * t.samples]
+    near = {label: t for t in best for label in twins.get(t.candidate.label, ())}
+    guesses: dict[str, list[Score]] = {}
+    for score in scores:
+        if score.told_apart and score.candidate.label in near:
+            guesses.setdefault(score.candidate.label, []).append(score)
+    first = [t for _, t in workers.begin([(group[0].candidate, group) for group in guesses.values()]) if t is not None]
+    found = [t for _, t in workers.follow([(t, guesses[t.candidate.label]) for t in first])
+             if _differ_held_out(t, near[t.candidate.label])]
+    return {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label], None) for t in found])}
+
+
+def _differ_held_out(one: Refit, other: Refit) -> bool:
+    """Whether two refits leave more than by chance one beside the other on what was not fitted."""
+    a, b, samples = one.chi2_held_out, other.chi2_held_out, one.samples_held_out
+    return samples > 0 and max(fallen(a, b, samples), fallen(b, a, samples)) > EARNED
 
 
 def _lender(trial: Refit, others: Iterable[Refit]) -> Refit | None:
