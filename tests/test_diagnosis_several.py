@@ -166,9 +166,9 @@ def test_no_effect_is_sought_beside_an_estimated_noise_that_could_not_be_named(m
 
 def test_an_effect_that_hardly_takes_anything_away_is_no_finding() -> None:
     def step(before: float, after: float, held: bool = True) -> Any:
-        found = SimpleNamespace(chi2_fit=after, chi2_held_out=after if held else float("nan"))
+        found = SimpleNamespace(chi2_fit=after, chi2_held_out=after if held else float("nan"), errors=errors(after))
         return replace(EMPTY, chi2_fit=before, chi2_held_out=before if held else float("nan"), chosen=found,
-                       cluster=(found,))
+                       cluster=(found,), errors=errors(before), samples_held_out=SAMPLES if held else 0)
 
     for before, after, named in ((16.1, 15.2, False), (16.1, 12.0, True), (1.05, 1.0, True), (1e6, 9e5, False)):
         for held in (True, False):
