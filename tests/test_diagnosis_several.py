@@ -179,6 +179,24 @@ def test_an_effect_that_hardly_takes_anything_away_is_no_finding() -> None:
     assert _noticeable(two, two[1].step)[0] == two
 
 
+def test_a_score_that_no_refit_justifies_is_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fall that justifies an effect is exceeded by chance once in 1900 tries: what a score finds more often than that is
+    settled by the refits, where neither size nor memory of what is left is more than chance."""
+    monkeypatch.setattr(verdict, "_still", lambda rung: False)
+    ladder: list[Any] = [_rung(1.0, 1.0)]
+
+    def said(score: float, size: float = 0.5, memory: float = 0.5, held: float = 1.0, complete: bool = True,
+             partial: bool = False) -> str:
+        step = replace(EMPTY, left=ResidualTests(score, size, memory, 3.7), chi2_held_out=held, partial=partial)
+        return verdict.verdict(None, ladder, (), [step], None, complete=complete)
+
+    assert said(0.5) == said(0.009) == said(6e-4) == "nothing"
+    assert said(5e-4) == said(0.009, size=0.004) == said(0.009, memory=0.004) == said(0.009, held=1.2) == "undetermined"
+    assert said(0.009, complete=False) == said(0.009, partial=True) == "undetermined"
+    step = replace(EMPTY, left=ResidualTests(0.009, 0.5, 0.5, 3.7))
+    assert "z = 3.7, is exceeded by chance in 0.9 % of such records" in verdict._nothing(ladder, (), [step])
+
+
 def test_an_effect_that_is_not_missed_any_more_is_taken_out(monkeypatch: pytest.MonkeyPatch) -> None:
     # A and B do next to nothing alone, so no ladder begins with them
     found, _ = climbed(monkeypatch, {"": 1000, "A": 700, "B": 800, "C": 10, "AC": 4, "BC": 6, "AB": 1, "ABC": 1})

@@ -48,6 +48,12 @@ class ResidualTests:
         """Whether more than noise is left."""
         return any(getattr(self, name) < level for name, level in LEVELS.items())
 
+    @property
+    def by_score_alone(self) -> bool:
+        """Whether only the largest of the scores is more than chance, and what is left has neither more size nor memory than
+        noise: what candidates do when they are refitted decides then."""
+        return self.significant and not any(getattr(self, name) < LEVELS[name] for name in ("size", "memory"))
+
 
 def leftover(base: Base, scores: Sequence[Score]) -> ResidualTests:
     """The tests on what the base model leaves of the fitted samples."""

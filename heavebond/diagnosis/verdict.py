@@ -23,7 +23,7 @@ from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, channel_errors
 from heavebond.diagnosis.predictive_errors import FITTED
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.residual_tests import is_noise
-from heavebond.diagnosis.stage import Stage, is_noticeable
+from heavebond.diagnosis.stage import EARNED, Stage, is_noticeable
 from heavebond.estimation.fitting import Fit
 
 FILTERED = 5.0  # times an estimated noise that noise behind a filter may be; beyond it is no noise
@@ -77,7 +77,7 @@ def unexplained(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], 
 def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
             shape: AddedEffect | None, adequacy: Adequacy | None = None, complete: bool = True) -> str:
     """One of the seven; `complete`: all that could name what is left was tried."""
-    if not steps[0].left.significant:
+    if not steps[0].left.significant or (complete and shape is None and not findings and _refuted(steps)):
         if _still(ladder[0]) or steps[0].partial or _astray(ladder):
             return "undetermined"
         return "parameters" if sheet_p_value(base) < CHANCE else "nothing"
@@ -90,6 +90,16 @@ def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[
     if steps[-1].partial or not (complete or shape is not None):
         return "undetermined"
     return "shape" if shape is not None or findings else "undetermined"
+
+
+def _refuted(steps: Sequence[Stage]) -> bool:
+    """Whether a score was larger than by chance, but not by so little chance as the fall that justifies an effect, no refit
+    justifies one, and all else says noise."""
+    from scipy.special import chdtrc
+
+    first = steps[0]
+    return first.left.by_score_alone and first.left.score > float(chdtrc(1, EARNED)) and not steps[-1].partial \
+        and is_noise(first.chi2_fit, first.chi2_held_out, first.samples_held_out)
 
 
 def _still(rung: LadderEntry) -> bool:
@@ -295,13 +305,21 @@ def _yardstick(adequacy: Adequacy) -> list[str]:
     return lines
 
 
-def _nothing(*_: object) -> str:
-    return "No effect is missing: the residual is noise."
+def _nothing(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage], *_: object) -> str:
+    return "No effect is missing: the residual is noise." + _refuted_words(steps)
 
 
-def _parameters(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: object) -> str:
+def _refuted_words(steps: Sequence[Stage]) -> str:
+    """What was found by the scores alone."""
+    left = steps[0].left
+    share = number(100 * left.score, 2)
+    return f" (The largest score of a candidate, z = {number(left.z, 3)}, is exceeded by chance in {share} % of such " \
+           "records; refitted, no candidate is justified.)" if left.significant else ""
+
+
+def _parameters(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage], *_: object) -> str:
     if not findings:
-        return "Parameters, not physics: with fitted values the residual is noise."
+        return "Parameters, not physics: with fitted values the residual is noise." + _refuted_words(steps)
     first, *others = map(_revalued, findings[0].alternatives)
     return f"Parameters, not physics: with {first}, the residual is near the noise level." + \
         (f" The records do not tell it from {listing(others, 5)}." if others else "") + \
