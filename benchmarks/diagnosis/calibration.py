@@ -67,8 +67,8 @@ def _row(case: Drawn, found: Diagnosis) -> dict[str, object]:
 
 def answers(case: Drawn, found: Diagnosis) -> dict[str, object]:
     """The set that the answer names, each class and place once, whether what was hidden is in it, and which of the events
-    it is. Another value of a number is what was hidden where the effect is nothing but that: another part of the same
-    component (heat capacity put on a body, and the mass of that body)."""
+    it is. Another value of a number is what was hidden where the effect is nothing but that, to first order (heat capacity
+    put on a body, and the mass of that body): the words then name the effect beside the value."""
     step = found.steps[0]
     places = Places.of(step.experiment, step.as_one)
     by_label = {c.label: c for c in (*candidates(step.experiment), *fixed_values(step.experiment))}
@@ -77,8 +77,7 @@ def answers(case: Drawn, found: Diagnosis) -> dict[str, object]:
 
     def is_hidden(candidate: Candidate) -> bool:
         return case.matches(candidate, places) or (
-            candidate.kind == VALUE and case.effect is not None and candidate.component == case.effect.component
-            and not same.isdisjoint(n.name for n in candidate.numbers))
+            candidate.kind == VALUE and not same.isdisjoint(n.name for n in candidate.numbers))
 
     named = [t.candidate for f in found.findings[:1] for t in f.alternatives] if found.verdict in NAMING else []
     events = found.evidence.effects if found.evidence is not None else ()
