@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from heavebond.equations.places import Place
+from heavebond.localise import compiled_kalman
 from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.ltv_model import LtvModel
 from heavebond.numerics.dae import Array
@@ -84,10 +85,13 @@ class Unknown:
         n = self.n
         x, p = self._first()
         p[:, -1, -1] = np.where(intensity > 0, INPUT_ESTIMATION.first_input**2, 0.0)
+        squares, constant = np.zeros((len(x), 1 + self.k, 1 + self.k)), np.zeros(len(x))
+        if compiled_kalman.serves(self.n):
+            compiled_kalman.run("filter", **self._given(intensity), x=x, p=p, constant=constant, squares=squares,
+                                **(keep.arrays if keep is not None else {}))
+            return _likelihood(constant, squares)
         step = np.broadcast_to(np.eye(n + 1), p.shape).copy()
         noise, rows = np.ones(x.shape[:2]), np.zeros(x.shape[:2])
-        constant = np.zeros(len(x))
-        squares = np.zeros((len(x), 1 + self.k, 1 + self.k))
         h = np.diff(self.system.time)
         for i in range(len(self.system.time)):
             if i:
@@ -116,7 +120,13 @@ class Unknown:
                     keep.update(i, c, rows, gain, scaled, 1 / variance)
             if keep is not None:
                 keep.state(i, x, p)
-        return Likelihood(constant + squares[:, 0, 0], squares[:, 0, 1:], squares[:, 1:, 1:])
+        return _likelihood(constant, squares)
+
+    def _given(self, intensity: Array) -> dict[str, Array]:
+        """What the compiled program reads."""
+        given = {"phi": self.system.phi, "c": self.system.c, "gamma": self.gamma, "d": self.d, "moved": self.moved,
+                 "error": self.error, "growth": intensity * np.diff(self.system.time)[:, None]}
+        return {name: np.ascontiguousarray(values, float) for name, values in given.items()}
 
     def smoothed(self, intensity: Array) -> Smoothed:
         """Forwards and back: the best estimate of everything at every sample from the whole record."""
@@ -124,6 +134,18 @@ class Unknown:
         kept = _FilterPass(count, m, len(self.sizes), n + 1, 1 + self.k)
         self.filtered(intensity, kept)
         states, variance = np.empty_like(kept.x), np.empty(kept.x.shape[:2])
+        if compiled_kalman.serves(self.n):
+            compiled_kalman.run("smooth", **self._given(intensity), **kept.arrays, states=states, variance=variance)
+        else:
+            self._back(kept, states, variance)
+        w = states[:, :, -1]
+        seen = np.einsum("kmj,kgjq->kgmq", self.system.c[:, :, :n], states[:, :, :n]) + self.d[:, :, :, None] * w[:, :, None]
+        return Smoothed(w * self.sizes[:, None], np.sqrt(np.maximum(variance, 0)) * self.sizes, states[:, :, :n],
+                        self.error[:, None] - seen)
+
+    def _back(self, kept: _FilterPass, states: Array, variance: Array) -> None:
+        """Write the states (N, G, n+1, 1+k) and the variance of w (N, G) from what a filter left."""
+        count, m, n = len(self.system.time), self.error.shape[1], self.n
         adjoint = np.zeros(kept.x.shape[1:])
         information = np.zeros(kept.p.shape[1:])
         step = np.broadcast_to(np.eye(n + 1), information.shape).copy()
@@ -146,10 +168,6 @@ class Unknown:
                 back = np.swapaxes(step, 1, 2)
                 adjoint = back @ adjoint
                 information = back @ information @ step
-        w = states[:, :, -1]
-        seen = np.einsum("kmj,kgjq->kgmq", self.system.c[:, :, :n], states[:, :, :n]) + self.d[:, :, :, None] * w[:, :, None]
-        return Smoothed(w * self.sizes[:, None], np.sqrt(np.maximum(variance, 0)) * self.sizes, states[:, :, :n],
-                        self.error[:, None] - seen)
 
     def innovations(self, inputs: Array) -> Array:
         """Innovations over their standard deviations (N, m, 1+k+K) of the data, per unit of each parameter and of each of
@@ -162,6 +180,10 @@ class Unknown:
                                filtering.responses(inputs, gamma, d)], axis=2)
 
 
+def _likelihood(constant: Array, squares: Array) -> Likelihood:
+    return Likelihood(constant + squares[:, 0, 0], squares[:, 0, 1:], squares[:, 1:, 1:])
+
+
 class _FilterPass:
     """What a filter leaves for the way back."""
 
@@ -169,6 +191,12 @@ class _FilterPass:
         self.x, self.p = np.empty((count, places, size, columns)), np.empty((count, places, size, size))
         self.rows, self.gain = np.empty((count, m, places, size)), np.empty((count, m, places, size))
         self.wrong, self.weight = np.empty((count, m, places, columns)), np.empty((count, m, places))
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """By the names that the compiled program has for them."""
+        return {"all_x": self.x, "all_p": self.p, "rows": self.rows, "gains": self.gain, "wrong": self.wrong,
+                "weight": self.weight}
 
     def update(self, i: int, c: int, rows: Array, gain: Array, wrong: Array, weight: Array) -> None:
         self.rows[i, c], self.gain[i, c], self.wrong[i, c], self.weight[i, c] = rows, gain, wrong, weight

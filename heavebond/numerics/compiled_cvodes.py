@@ -24,7 +24,6 @@ import contextlib
 import ctypes
 import shutil
 import subprocess
-import sys
 import tempfile
 import time as clock
 import weakref
@@ -45,10 +44,10 @@ from heavebond.language.symbols import stack
 from heavebond.numerics import machine_code
 from heavebond.numerics.dae import Array
 from heavebond.numerics.idas import Tolerances
-from heavebond.numerics.machine_code import COMPILING, LISTED, MACHINE_CODE, compiler, worthwhile
+from heavebond.numerics.machine_code import COMPILING, LISTED, MACHINE_CODE, compiler, loaded, worthwhile
 
 SOURCE = Path(__file__).parents[1] / "c" / "cvodes.c"
-FLAGS = ("-O2", "-shared", "-fPIC", "-ffp-contract=off")
+FLAGS = ("-O2", "-ffp-contract=off")
 EQUATION_FLAGS = ("-shared", "-fPIC", *machine_code.FLAGS)
 VERSIONS = ("3.7", "3.8")  # of CasADi, whose CVODES is that of SUNDIALS 2 with double precision
 MOST_STATES = 60  # of the model: its Jacobian is dense here
@@ -454,20 +453,16 @@ class _Program:
 @lru_cache(maxsize=1)
 def program() -> _Program | None:
     """The program, compiled at its first use; None where this computer has no compiler or another SUNDIALS."""
-    command = compiler()
-    if command is None or not ca.CasadiMeta.version().startswith(VERSIONS) or sys.platform != "linux":
+    if not ca.CasadiMeta.version().startswith(VERSIONS):
         return None
+    labels = ", ".join([*(f"&&{name}_" for name in OPERATIONS), "&&END"])
+    operations = " ".join(f"OPERATION({name}_, {text})" for name, text in OPERATIONS.items())
     try:
         sundials = _sundials()
-        with tempfile.TemporaryDirectory(prefix="heavebond_", ignore_cleanup_errors=True) as folder:
-            target = Path(folder) / "cvodes.so"
-            labels = ", ".join([*(f"&&{name}_" for name in OPERATIONS), "&&END"])
-            operations = " ".join(f"OPERATION({name}_, {text})" for name, text in OPERATIONS.items())
-            subprocess.run([command, *FLAGS, f"-DLABELS={labels}", f"-DOPERATIONS={operations}", "-o", str(target),
-                            str(SOURCE), "-lm"], check=True, capture_output=True, timeout=60)
-            return _Program(ctypes.CDLL(str(target)), sundials)
-    except (OSError, AttributeError, subprocess.SubprocessError):
+    except (OSError, AttributeError):
         return None
+    library = loaded(SOURCE, (*FLAGS, f"-DLABELS={labels}", f"-DOPERATIONS={operations}"))
+    return None if library is None else _Program(library, sundials)
 
 
 def _sundials() -> Any:

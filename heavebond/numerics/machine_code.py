@@ -12,11 +12,13 @@ import ctypes
 import os
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from threading import Thread, current_thread, main_thread
 from typing import Any
 
@@ -65,6 +67,22 @@ COMPILING = CompilingConstants()
 def compiler() -> str | None:
     """The C compiler of this computer, if there is one."""
     return next((name for name in COMPILERS if shutil.which(name)), None)
+
+
+def loaded(source: Path, flags: Sequence[str]) -> ctypes.CDLL | None:
+    """A program in C of this package, compiled into a private folder that is deleted as soon as it is loaded; None where
+    this computer has no compiler for it."""
+    command = compiler()
+    if command is None or sys.platform != "linux":
+        return None
+    try:
+        with _folder() as folder:
+            target = Path(folder) / f"{source.stem}.so"
+            subprocess.run([command, *flags, "-shared", "-fPIC", "-o", str(target), str(source), "-lm"], check=True,
+                           capture_output=True, timeout=60)
+            return ctypes.CDLL(str(target))
+    except (OSError, subprocess.SubprocessError):
+        return None
 
 
 def worthwhile(seconds: float, operations: int) -> bool:

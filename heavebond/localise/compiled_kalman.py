@@ -1,0 +1,64 @@
+"""The recursions of the Kalman filter and smoother in compiled code (`heavebond/c/kalman.c`).
+
+Between two samples a filter has a few dozen small products to form, of which each takes NumPy a hundred times as long as
+the arithmetic. Where no C compiler is present, NumPy does it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from heavebond.numerics.dae import Array
+from heavebond.numerics.machine_code import loaded
+
+SOURCE = Path(__file__).parents[1] / "c" / "kalman.c"
+FLAGS = ("-O2", "-ffp-contract=off")
+MOST_STATES = 60  # C has their matrices on its stack; beyond that the products of NumPy are as fast
+SIZES = ("count", "places", "n", "m", "k", "keeps")
+# what C reads and writes, in its order
+ARRAYS = ("phi", "c", "gamma", "d", "moved", "error", "growth", "x", "p", "constant", "squares", "all_x", "all_p", "rows",
+          "gains", "wrong", "weight", "states", "variance")
+
+
+class _System(ctypes.Structure):
+    _fields_ = [*((name, ctypes.c_long) for name in SIZES), *((name, ctypes.c_void_p) for name in ARRAYS)]
+
+
+@lru_cache(maxsize=1)
+def program() -> ctypes.CDLL | None:
+    """The program, compiled at its first use; None where it cannot be."""
+    library = loaded(SOURCE, FLAGS)
+    for name in ("filter", "smooth") if library is not None else ():
+        function = getattr(library, name)
+        function.argtypes, function.restype = [ctypes.c_void_p], None
+    return library
+
+
+def serves(states: int) -> bool:
+    """Whether it can do so many states."""
+    return states <= MOST_STATES and program() is not None
+
+
+def run(name: str, **arrays: Array) -> None:
+    """Call `filter` or `smooth` on arrays, each as C expects it (see `System` there); what it writes is in them."""
+    library = program()
+    assert library is not None
+    count, places, n = arrays["gamma"].shape[0] + 1, *arrays["gamma"].shape[1:]
+    m, columns = arrays["error"].shape[1:]
+    size = n + 1
+    shapes = {
+        "phi": (count - 1, n, n + columns - 1), "c": (count, m, n + columns - 1), "gamma": (count - 1, places, n),
+        "d": (count, places, m), "moved": (count - 1, n, columns), "error": (count, m, columns),
+        "growth": (count - 1, places), "x": (places, size, columns), "p": (places, size, size), "constant": (places,),
+        "squares": (places, columns, columns), "all_x": (count, places, size, columns), "all_p": (count, places, size, size),
+        "rows": (count, m, places, size), "gains": (count, m, places, size), "wrong": (count, m, places, columns),
+        "weight": (count, m, places), "states": (count, places, size, columns), "variance": (count, places)}
+    for key, array in arrays.items():  # C reads and writes so many numbers
+        assert array.shape == shapes[key] and array.dtype == np.float64 and array.flags.c_contiguous, key
+    system = _System(count, places, n, m, columns - 1, "all_x" in arrays, *(
+        arrays[key].ctypes.data if key in arrays else None for key in ARRAYS))
+    getattr(library, name)(ctypes.byref(system))
