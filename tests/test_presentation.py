@@ -32,6 +32,7 @@ def test_number(value: float, digits: int, text: str) -> None:
 @pytest.mark.parametrize(("value", "unit", "text"), [
     (17.25e6, "Pa", "172.5 bar"), (30000.0, "N", "30 kN"), (-0.0123, "m", "-12.3 mm"), (0.5, "m", "0.5 m"),
     (7.667e-3, "m**3/s", "460.02 L/min"), (0.0, "N", "0 N"), (0.25, "1", "0.25"), (30.0, "kN", "30 kN"),
+    (0.004174, "s", "4.174 ms"), (2e-5, "s", "20 us"), (14.0, "s", "14 s"), (0.02, "A", "20 mA"), (3e-3, "V", "3 mV"),
 ])
 def test_readable(value: float, unit: str, text: str) -> None:
     assert readable(value, unit) == text

@@ -30,6 +30,9 @@ READABLE: dict[str, tuple[tuple[float, str], ...]] = {
     "J": ((1e6, "MJ"), (1e3, "kJ"), (0.0, "J")),
     "kg": ((1e3, "t"), (1.0, "kg"), (0.0, "g")),
     "kg/s": ((0.1, "kg/s"), (0.0, "g/s")),
+    "s": ((0.1, "s"), (1e-4, "ms"), (0.0, "us")),
+    "A": ((0.1, "A"), (0.0, "mA")),
+    "V": ((0.1, "V"), (0.0, "mV")),
 }
 QUANTITIES = {
     "m": "position", "m/s": "velocity", "m/s**2": "acceleration", "N": "force", "N*m": "torque", "Pa": "pressure",
