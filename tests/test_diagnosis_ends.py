@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,9 +13,13 @@ import pytest
 from diagrams import CART_RIG
 
 from heavebond.diagnosis import verdict, yardstick
+from heavebond.diagnosis.adequacy import Comparand, adequacy
 from heavebond.diagnosis.attempt import attempt
 from heavebond.diagnosis.catalogue import single_candidates
+from heavebond.diagnosis.diagnosis import diagnose
 from heavebond.diagnosis.ladder import AddedEffect
+from heavebond.diagnosis.like_places import candidates
+from heavebond.diagnosis.places import Places
 from heavebond.diagnosis.predictive_errors import PredictiveErrors
 from heavebond.diagnosis.stage import Stage, following, make_stage, refitted_beside, single
 from heavebond.estimation.experiment import Experiment, load_experiment
@@ -84,6 +89,26 @@ def test_a_range_that_ends_before_the_truth_is_told_and_names_nothing_for_sure(
     finding = AddedEffect(brake, (), rung, None, (trial,))
     assert verdict.is_adequate([rung, rung], [finding]) is not bool(beyond)
     assert ("Widen `search_range`" in " ".join(verdict.at_ends(finding))) is bool(beyond)
+
+
+def test_a_sensor_that_is_noisier_in_a_record_is_no_missing_effect(tmp_path: Path) -> None:
+    """The noise is estimated from all records as one. What is left on the noisier one is white: the answer says what to write,
+    and then nothing is missing."""
+    measured(tmp_path, "{is: Damper, d: 0 N*s/m}", ("", "b", "a"))
+    rows = np.loadtxt(tmp_path / "monday.csv", delimiter=",", skiprows=1)
+    rows[:, 2] += 1.5e-3 * np.random.default_rng(2).standard_normal(len(rows))
+    np.savetxt(tmp_path / "tuesday.csv", rows, "%.9g", ",", header="time [s],foot [m],cart [m]", comments="")
+    both = MEASURED.replace("use: fit}", "use: fit}, tuesday: {file: tuesday.csv, use: validate}")
+
+    def answer(noise: str) -> Any:
+        (tmp_path / "measured.yaml").write_text(both.replace(", noise: 0.5 mm", noise))
+        return diagnose(tmp_path / "measured.yaml", classes=["dry friction"], number=1)
+
+    said = answer("")
+    assert said.verdict == "undetermined"
+    written = re.search(r"nothing is missing: write `(noise: [0-9.]+ mm)` at load.x\.", said.words[0])
+    assert written is not None
+    assert answer(f", {written[1]}").verdict == "nothing"
 
 
 def test_a_limit_of_the_parameter_is_a_value_like_any_other(tmp_path: Path) -> None:
@@ -161,7 +186,7 @@ def test_a_curve_is_no_better_law_for_taking_up_a_second_effect(monkeypatch: pyt
     monkeypatch.setattr(yardstick, "without_effect", lambda way, k, say: others)
     monkeypatch.setattr(yardstick, "following", lambda step: "base, offset")
     monkeypatch.setattr(yardstick, "make_curve_stage", lambda experiment, **given: SimpleNamespace(
-        trials=(refit(curves[experiment], 5),), partial=False))
+        trials=(refit(curves[experiment], 5),), partial=False, places=_PLACES))
     monkeypatch.setattr("heavebond.diagnosis.adequacy.coverage", lambda curve, before: 1.0)
 
     def found(way: Any, tried: bool = True) -> Any:
@@ -190,7 +215,7 @@ def test_a_curve_at_another_place_takes_the_name_where_it_explains_most_of_what_
         errors=refit(500.0, "").errors, experiment="base"))
     left = {"channel": 30.0, "out": 35.0}
     monkeypatch.setattr(yardstick, "make_curve_stage", lambda experiment, **given: SimpleNamespace(
-        trials=tuple(refit(level, where) for where, level in left.items()), partial=False))
+        trials=tuple(refit(level, where) for where, level in left.items()), partial=False, places=_PLACES))
     monkeypatch.setattr("heavebond.diagnosis.adequacy.coverage", lambda curve, before: covered)
 
     def found() -> Any:
@@ -207,6 +232,29 @@ def test_a_curve_at_another_place_takes_the_name_where_it_explains_most_of_what_
         last: Any = SimpleNamespace(chosen=refit(together, "feed"))
         curve, stage = yardstick.curve_alone((first, last), 1, 1e9, lambda text: None)
         assert stage is not None and (curve.candidate.label if curve is not None else None) == alone
+
+
+def test_a_curve_between_the_nodes_of_a_part_stands_where_a_law_in_place_of_it_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such a curve is the yardstick of the law, and no doubt of its place."""
+    experiment = load_experiment("passive_rig/friction")
+    found = {c.label: c for c in candidates(experiment)}
+    law = next(c for label, c in found.items() if c.component == "NonlinearDamper" and c.attaches == "replaces")
+
+    def refit(candidate: Any, level: float) -> Any:
+        sums = level * np.random.default_rng(3).uniform(0.5, 1.5, 400)
+        return _Refit(candidate, PredictiveErrors(sums, np.ones(400), np.zeros(400, np.int64), np.zeros(400, np.int64)))
+
+    curve = next(c for c in found.values() if c.component == "ForceCurveOfSpeed" and Places.of(experiment).place(c)
+                 == Places.of(experiment).place(law))
+    named, before = refit(law, 40.0), refit(law, 500.0).errors
+    monkeypatch.setattr("heavebond.diagnosis.adequacy.coverage", lambda curve, before: 1.0)
+    stage: Any = SimpleNamespace(errors=before)
+    curves: Any = SimpleNamespace(trials=(refit(curve, 35.0),), partial=False, places=Places.of(experiment))
+    judged = adequacy(named, stage, Comparand(named, before, experiment), curves)
+    assert judged.flexible is not None and judged.flexible.candidate is curve and judged.elsewhere is None
+
+
+_PLACES = SimpleNamespace(place=lambda candidate: candidate.where)
 
 
 @dataclass(frozen=True)

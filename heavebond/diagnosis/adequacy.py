@@ -92,8 +92,11 @@ def adequacy(chosen: Refit, made: Stage, beside: Comparand, curves: Stage | None
     law = beside.law
     trials = [t for t in curves.trials if t.errors is not None and loss(t) < beside.before.mean(*ALL)] \
         if curves is not None else []
-    here = min((t for t in trials if same_place(t, law)), key=loss, default=None)
-    there = min((t for t in trials if not same_place(t, law) and _as_good(t, law, misfit)), key=loss, default=None)
+    own = curves.places.place(law.candidate) if curves is not None and trials else None
+    at_own = [curves is not None and curves.places.place(t.candidate) == own for t in trials]
+    here = min((t for t, at in zip(trials, at_own, strict=True) if at), key=loss, default=None)
+    there = min((t for t, at in zip(trials, at_own, strict=True) if not at and _as_good(t, law, misfit)), key=loss,
+                default=None)
     covered = coverage(here, beside.experiment) if here is not None else float("nan")
     beaten = here is not None and covered >= DECISION.covered and _explains_most(here, law)
     rival = here if beaten and here is not None else law
@@ -106,13 +109,6 @@ def adequacy(chosen: Refit, made: Stage, beside: Comparand, curves: Stage | None
 def _explains_most(curve: Refit, law: Refit) -> bool:
     """Whether an identified curve explains most of what a law leaves above the noise."""
     return better(curve, law) and loss(law) - loss(curve) > DECISION.mainly * max(loss(law) - 1.0, 0.0) > 0
-
-
-def same_place(one: Refit, other: Refit) -> bool:
-    """Whether two effects act at one place: the same nodes, part, input or channel, or a part between these nodes."""
-    a, b = set(one.candidate.where), set(other.candidate.where)
-    nodes = set(one.candidate.change.nodes), set(other.candidate.change.nodes)
-    return a == b or (bool(nodes[0]) and nodes[0] == nodes[1])
 
 
 def better(one: Refit, other: Refit) -> bool:
