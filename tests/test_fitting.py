@@ -51,6 +51,13 @@ def test_only_noise_is_left_on_the_record_that_was_not_fitted(rig: Fit) -> None:
     assert rig.identifiability.words == ()
 
 
+@pytest.mark.parametrize(("deviation", "at"), [(15.0, ""), (400.0, "low")])
+def test_a_value_well_above_the_end_of_a_wide_range_does_not_stand_there(deviation: float, at: str) -> None:
+    """The damping of an end stop, sought linearly up to 5.9 MN*s/m: a ten-thousandth of that is a value like any other."""
+    column = Column(Free("stop.d", Range(0.0, 5.89e6, read_unit("N*s/m")), Place("stop.yaml", 1, 1)), "", 0.0, "N*s/m")
+    assert fitting._fitted(column, 626.0, deviation).at_bound == at
+
+
 @pytest.mark.long
 def test_the_gauss_newton_interval_agrees_with_the_profile(rig: Fit) -> None:
     """Nearly linear about the optimum: the two intervals agree to a tenth of their width."""

@@ -258,9 +258,10 @@ def _fitted(column: Column, inner: float, deviation: float) -> Fitted:
     bounds = column.free.range
     value = column.outer(float(inner))
     low, high = column.inner(bounds.low), column.inner(bounds.high)  # in logarithms where it is sought over decades
-    near = AT_END * (high - low)
-    at = "low" if inner - low < near else "high" if high - inner < near else ""
     half = NORMAL_95 * float(deviation)
+    # a range may span many decades of a parameter that is sought linearly: a value well above its end is no value at its end
+    near = min(AT_END * (high - low), half)
+    at = "low" if inner - low <= near else "high" if high - inner <= near else ""
     ends = [_within(column, inner + sign * half) for sign in (-1, 1)]
     return Fitted(column.free.name, column.unit, column.before, value, bounds.low, bounds.high,
                   (ends[0], ends[1]), at, column.record)
