@@ -225,8 +225,9 @@ def test_what_is_fitted_does_not_check_the_fit(tmp_path: Path, change: str, refu
 
 def test_noise_where_it_is_fitted_and_misfit_where_not_is_not_nothing() -> None:
     """Four fitted samples show nothing; that the model is right is not said while the other record misses by 75 times."""
-    channel = SimpleNamespace(measured=MOTION, noise=0.01)
-    comparison = SimpleNamespace(records={"one": SimpleNamespace(channels={"x": channel})})
+    channel = SimpleNamespace(measured=MOTION, noise=0.01, white=0.0)
+    record = SimpleNamespace(channels={"x": channel}, use="validate")
+    comparison = SimpleNamespace(records={"one": record}, parts=(record,))
     step = SimpleNamespace(left=SimpleNamespace(significant=False), partial=False, at_end=())
     for held_out, said in ((5687.0, "undetermined"), (1.4, "nothing")):
         ladder = [LadderEntry("rig", 1.1, 0.4, 1.1, held_out, comparison)]

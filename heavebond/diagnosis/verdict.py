@@ -22,7 +22,7 @@ from heavebond.diagnosis.fixed_values import VALUE
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, channel_errors
 from heavebond.diagnosis.predictive_errors import FITTED
 from heavebond.diagnosis.refit import Refit
-from heavebond.diagnosis.residual_tests import is_noise
+from heavebond.diagnosis.residual_tests import LEVELS, is_noise
 from heavebond.diagnosis.stage import EARNED, Stage, is_noticeable
 from heavebond.estimation.fitting import Fit
 
@@ -114,6 +114,18 @@ def _astray(ladder: Sequence[LadderEntry]) -> bool:
     return _held(best) > DECISION.near * max(1.0, best.chi2_fit)
 
 
+def _white_when_held_out(rung: LadderEntry) -> bool:
+    """Whether each channel of what was not fitted leaves white noise, by the test for memory."""
+    found = [c.white for part in rung.comparison.parts if part.use != "fit" for c in part.channels.values()]
+    return bool(found) and all(p * len(found) >= LEVELS["memory"] for p in found)
+
+
+def _noise_to_write(rung: LadderEntry) -> list[str]:
+    """The noise that what is left on held-out data would be, of each channel that leaves more there than its noise."""
+    return [f"`noise: {m.words}` at {m.channel}" for m in channel_errors(rung)
+            if m.error > math.sqrt(DECISION.near) * m.noise]
+
+
 def sheet_p_value(base: Fit | None) -> float:
     """The p value of the hypothesis that the values of the data sheet are right, by the likelihood ratio of the fitted
     parameters; 1 where nothing is free."""
@@ -146,7 +158,7 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
         lines += _not_held_out(findings[0], steps[0])
     if steps[0].at_end and findings and not steps[-1].at_end:
         lines.append(f"Without it {listing(steps[0].at_end)} went to the end of the range, a sign that physics is missing; "
-                     "with it they come back inside.")
+                     f"with it {'they come' if len(steps[0].at_end) > 1 else 'it comes'} back inside.")
     found = [p for f in findings for p in f.parameters]
     for p in found:
         if p.unreached is not None:
@@ -434,9 +446,13 @@ def _undetermined(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]
         near = "; and ".join(map(_alternatives, findings))
         return "No conclusion yet: the search was ended early." + (f" Best so far: {near}." if near else "")
     if not steps[0].left.significant and not _still(ladder[0]):
-        return "Not decided by these records: the residual of the fitted records is noise, but on held-out " \
-            f"data the reduced chi-square is {number(min(map(_held, ladder)), 3)}. The missing effect does not show " \
-            "where the model is fitted; give a longer or more exciting record `use: fit`."
+        best = min(ladder, key=_held)
+        why = "The missing effect does not show where the model is fitted; give a longer or more exciting record " \
+            "`use: fit`." if not _white_when_held_out(best) else \
+            "It is white there too, which a missing effect seldom leaves, and a sensor that is noisier in some records " \
+            f"does. If so, nothing is missing: write {listing(_noise_to_write(best), 3)}."
+        return "Not decided by these records: the residual of the fitted records is noise, but on held-out data the " \
+            f"reduced chi-square is {number(_held(best), 3)}. {why}"
     if not steps[0].left.significant:
         return "Not decided by these records: no channel moves by more than a few times its noise."
     return "The residual exceeds the noise, but no effect of the catalogue reduces it noticeably on held-out data."
