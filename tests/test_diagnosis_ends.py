@@ -92,8 +92,8 @@ def test_a_range_that_ends_before_the_truth_is_told_and_names_nothing_for_sure(
 
 
 def test_a_sensor_that_is_noisier_in_a_record_is_no_missing_effect(tmp_path: Path) -> None:
-    """The noise is estimated from all records as one. What is left on the noisier one is white: the answer says what to write,
-    and then nothing is missing."""
+    """The noise is estimated from all records as one. What is left on the noisier one is white: the answer says what to
+    write, and then nothing is missing."""
     measured(tmp_path, "{is: Damper, d: 0 N*s/m}", ("", "b", "a"))
     rows = np.loadtxt(tmp_path / "monday.csv", delimiter=",", skiprows=1)
     rows[:, 2] += 1.5e-3 * np.random.default_rng(2).standard_normal(len(rows))

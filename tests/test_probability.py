@@ -30,6 +30,7 @@ from heavebond.diagnosis.probability import (
     Event,
     Evidence,
     factor_bound,
+    more_probable_alone,
     probabilities,
     resemblance,
     stated,
@@ -114,6 +115,16 @@ def test_a_law_outside_is_told_beside_a_name_where_it_is_more_probable() -> None
     assert {e.kind: e.probability for e in likely}[OUTSIDE] > 0.8
     assert f"({likely[0].row[1]})" in resemblance(likely)[0]
     assert resemblance(probabilities(Evidence((event,), weights, 1.0, 1e-9, 1e-9))) == []
+
+
+def test_what_the_first_step_alone_holds_for_more_probable_than_the_answer_is_told() -> None:
+    """A slip of the shaft of a hydraulic motor does what its leakage does, until its mechanical loss is found."""
+    slip = Event("slip", 0.42, "at the shaft", ("shaft",), ("ShaftSlip at shaft",))
+    leak = Event("leakage", 0.21, "in the motor", ("motor",), ("HydraulicMotor in motor (eta_v)",))
+    events = (slip, leak, Event(OUTSIDE, 0.37))
+    (told,) = more_probable_alone(events, leak.labels, ["mechanical loss in motor"])
+    assert "slip at the shaft (42 %)" in told and "beside mechanical loss in motor" in told
+    assert more_probable_alone(events, leak.labels, []) == more_probable_alone(events, slip.labels, ["drag"]) == []
 
 
 def test_what_is_hardly_probable_is_listed_as_one() -> None:

@@ -39,7 +39,15 @@ from heavebond.diagnosis.full_runs import at_fit, compared, first_entries, loade
 from heavebond.diagnosis.further_effects import supported
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry
 from heavebond.diagnosis.own_starts import own_start_words, own_starts, started_entry
-from heavebond.diagnosis.probability import Event, Evidence, evidence, probabilities, resemblance, stated
+from heavebond.diagnosis.probability import (
+    Event,
+    Evidence,
+    evidence,
+    more_probable_alone,
+    probabilities,
+    resemblance,
+    stated,
+)
 from heavebond.diagnosis.ranking import as_dicts, entries
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.remainder import Remainder, remainder
@@ -64,6 +72,7 @@ from heavebond.diagnosis.stepwise_selection import (
 )
 from heavebond.diagnosis.verdict import (
     acting_as_values,
+    called,
     equivalent_value_words,
     is_adequate,
     near_noise,
@@ -140,7 +149,12 @@ class Diagnosis:
         after a search that was ended early or restricted to classes, for which the calibration does not hold."""
         if self.evidence is None or self.partial or self.restricted:
             return ()
-        return stated(probabilities(self.evidence), [t.candidate.label for f in self.findings[:1] for t in f.alternatives])
+        return stated(probabilities(self.evidence), self.named_first)
+
+    @property
+    def named_first(self) -> tuple[str, ...]:
+        """The labels of what the answer names for the first step."""
+        return tuple(t.candidate.label for f in self.findings[:1] for t in f.alternatives)
 
     @property
     def started(self) -> bool:
@@ -283,7 +297,8 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
                        _noise(ladder[0].comparison), budget.spent, apart, part, adequate, come.untried, rest,
                        evidence(come.steps, come.fixed, sheet_p_value(base)), bool(classes))
     if said in ("effect", "one_of", "mainly"):
-        answer = replace(answer, words=(*told[:1], *resemblance(answer.events), *told[1:]))
+        alone = more_probable_alone(answer.events, answer.named_first, [called(f.candidate) for f in come.findings[1:]])
+        answer = replace(answer, words=(*told[:1], *resemblance(answer.events), *alone, *told[1:]))
     return replace(answer, words=(*wrong_channels(rungs[-1].comparison), *answer.words))
 
 

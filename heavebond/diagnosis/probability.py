@@ -29,6 +29,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from heavebond.core.errors import listing
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.confidence_set import block_length, resampled
 from heavebond.diagnosis.decision import DECISION
@@ -266,6 +267,18 @@ def resemblance(events: Sequence[Event]) -> list[str]:
         return []
     return [f"By the calibration, a law that the catalogue does not have, and that what is named only resembles, is more "
             f"probable ({outside.row[1]})."]
+
+
+def more_probable_alone(events: Sequence[Event], named: Sequence[str], others: Sequence[str]) -> list[str]:
+    """What is said where further effects, `others` in words, were found beside the answer to the first step, the candidates
+    with the labels `named`: the events of more probability in the first step that the answer leaves out, as they predict
+    worse beside these."""
+    most = max((e.probability for e in events if set(e.labels) & set(named)), default=1.0)
+    left = [" ".join((e.row[0], f"({e.row[1]})")) for e in events if e.labels and e.probability > most]
+    if not others or not left:
+        return []
+    return [f"The probabilities are those of the first step alone: beside {listing(others, 3)}, {listing(left, 3)} "
+            f"{'predict' if len(left) > 1 else 'predicts'} worse than what is named."]
 
 
 def _share(odds: Share) -> Share:
