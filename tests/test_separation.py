@@ -154,6 +154,11 @@ def test_what_no_channel_shows_and_the_channel_that_would(tmp_path: Path) -> Non
     assert found.extra is not None and found.extra.name in ("spring.F", "more.F")
     assert "force" in found.words[-1] and found.extra.name in found.words[-1]
     assert write_proposal(found, tmp_path / "nothing.csv") == [] and not (tmp_path / "nothing.csv").exists()
+    # of the part that may be missing in the machine nothing can be measured
+    ring = "ring: {is: Damper, d: 0 N*s/m}"
+    bare = machine(tmp_path, "bare", ring, ("ring.a", "ring.b", ""), "  damper.d: 1 .. 400 N*s/m")
+    within = separate([one, other], machine=bare).extra
+    assert within is not None and within.name == "spring.F"
     # twice the same: no channel can tell
     same = separate([one, replace(one, label="the same")])
     assert not same.decides and same.words[-1].startswith("No further channel would")

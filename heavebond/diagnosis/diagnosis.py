@@ -283,7 +283,7 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
         if not come.steps[-1].partial and unexplained(come.ladder, come.findings, come.steps) else None
     rungs = (*come.ladder, *([shape.rung] if shape is not None else []))
     said = verdict(base, rungs, come.findings, come.steps, shape, adequate, not {VALUES, CURVES} & set(come.untried))
-    apart = _separation(come.findings, say, left()) if said == "one_of" else None
+    apart = _separation(asked, come.findings, say, left()) if said == "one_of" else None
     told = (*sentences(said, rungs, come.findings, come.steps, shape, adequate), *map(equivalent_value_words, come.values),
             *acting_as_values(come.findings, come.steps, [t.candidate.name for t in come.values]),
             *(apart.words if apart is not None else ()),
@@ -416,7 +416,7 @@ def _noticeable(way: Selection, last: Stage) -> tuple[Selection, Stage]:
     return (), replace(way[0].step, chosen=None, cluster=(), partial=last.partial)
 
 
-def _separation(findings: Sequence[AddedEffect], say: Progress, seconds: float) -> Separation | None:
+def _separation(machine: Experiment, findings: Sequence[AddedEffect], say: Progress, seconds: float) -> Separation | None:
     """The experiment that would tell apart what the first finding without one name may be, the best law of each class at
     each place; None where the search for it is ended early or one of the diagrams cannot be run."""
     unsure = next(f for f in findings if not f.certain)
@@ -426,7 +426,7 @@ def _separation(findings: Sequence[AddedEffect], say: Progress, seconds: float) 
     try:
         return Budget(seconds).made(lambda: separate([Alternative(
             f"{t.candidate.kind} {t.candidate.place}", t.experiment, t.values, t.samples + t.samples_held_out)
-            for t in best.values()], progress=say))
+            for t in best.values()], machine=machine, progress=say))
     except HeavebondError:
         return None
 

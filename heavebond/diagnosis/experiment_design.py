@@ -182,13 +182,15 @@ class _Frame:
         return {**self.quiet(), column: proposal.values}
 
 
-def separate(alternatives: Sequence[Alternative], *, seconds: float = SECONDS, progress: Progress | None = None
-             ) -> Separation:
+def separate(alternatives: Sequence[Alternative], *, machine: Experiment | None = None, seconds: float = SECONDS,
+             progress: Progress | None = None) -> Separation:
     """Propose the input that tells alternatives apart: two or more diagrams on the same records.
 
     Every input that a record drives is moved in many shapes within what the records did (`diagnosis.proposals`), the others
-    stay where their records begin; no further one is simulated after `seconds`. Raises DataError where a record cannot be
-    read and ModelError where a diagram cannot be assembled.
+    stay where their records begin; no further one is simulated after `seconds`. A further channel is sought among the
+    variables of `machine`, the experiment without what the alternatives add (without one, among all that they have in
+    common): the state of a hysteresis that may be missing is no quantity to measure. Raises DataError where a record cannot
+    be read and ModelError where a diagram cannot be assembled.
     """
     say, began = progress or (lambda text: None), clock.perf_counter()
     alternatives = alternatives[:MOST]
@@ -209,7 +211,7 @@ def separate(alternatives: Sequence[Alternative], *, seconds: float = SECONDS, p
     extra = None
     if tried and not tried[0].decided:
         say("looking for a channel that would tell")
-        extra = _extra(rivals, frame, tried)
+        extra = _extra(rivals, frame, tried, machine)
     return _separation(alternatives, rivals, frame, tried, extra)
 
 
@@ -302,10 +304,12 @@ def _sure(chi2: float, needed: float) -> float:
     return float(ndtr((chi2 - needed) / (2 * np.sqrt(chi2)))) if chi2 > 0 else 0.0
 
 
-def _extra(rivals: Sequence[PreparedAlternative], frame: _Frame, tried: Sequence[SimulatedInput]) -> AdditionalSensor | None:
+def _extra(rivals: Sequence[PreparedAlternative], frame: _Frame, tried: Sequence[SimulatedInput],
+           machine: Experiment | None) -> AdditionalSensor | None:
     """The variable of all diagrams that, measured as well, tells most apart under one of the better inputs; of those that
     tell about as much, one of a node or component rather than of a port."""
-    units = [{u.name: u.unit.text for u in r.assembly.flat.unknowns} for r in rivals]
+    flat = [r.assembly.flat for r in rivals] + ([assemble_for(machine, frame.record).flat] if machine is not None else [])
+    units = [{u.name: u.unit.text for u in found.unknowns} for found in flat]
     names = [n for n in units[0] if all(n in other for other in units[1:]) and n not in rivals[0].probe.names]
     probes = [Probe(r.assembly, [*r.probe.names, *names], si=True) for r in rivals]
     found: list[AdditionalSensor] = []
