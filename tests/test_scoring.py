@@ -297,6 +297,9 @@ def test_parallel_tangents_are_recognised_where_runs_of_the_search_bend_them_apa
     held = _held_directions(base)["winding.m"]
     assert all(SAME < _beside(s.direction, {"": held})[""] < NEARLY for s in scores if "Capacity" in s.candidate.label)
     assert equivalent_values(base, scores) == {"HeatCapacity on winding": ("winding.c", "winding.m")}
+    # a difference at a finite value, as a compliance in series has, is no tangent that finer runs could show
+    differences = [replace(s, along=()) for s in scores if "Capacity" in s.candidate.label]
+    assert equivalent_values(base, differences) == {}
 
 
 def test_words_tell_what_acts_as_another_value() -> None:

@@ -62,9 +62,12 @@ def _held_directions(base: Base) -> dict[str, Array]:
 
 
 def _beside_finely(base: Base, score: Score, name: str) -> float:
-    """The share of a score's direction that is beside that of a number, both from finer runs; 1 where they fail. What the
-    free parameters take of two vectors in proportion is in proportion as well, however exact J is."""
+    """The share of a score's direction that is beside that of a number, both from finer runs; 1 where they fail, or where
+    the score is no tangent. What the free parameters take of two vectors in proportion is in proportion as well, however
+    exact J is."""
     along = list(score.along)
+    if not along:  # the difference at a finite value, of an effect that has no tangent
+        return 1.0
     size = SIZED * float(np.linalg.norm(base.r)) / score.size
     there = {**{n.name: n.neutral for n in score.candidate.vanishing}, **score.shapes}
     try:
