@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from heavebond.core.quoting import file_stem
 from heavebond.core.units import Unit, read_unit
+from heavebond.equations.buffered import Buffered
 from heavebond.equations.flatten import flatten
 from heavebond.equations.places import nodes_of, places_of, with_virtual_sources
 from heavebond.equations.reduce import reduce
@@ -221,9 +222,9 @@ class _Jacobians:
         """A with A_q, B, y, C with C_q, D, the local signals and theirs, at some samples of a run."""
         given = [np.ascontiguousarray(part[:, samples]) for part in columns(result)]
         count = len(samples)
-        rows = np.array(self._values(*given)).T
+        rows = _mapped(self._values, count, *given).T
         width = self.n + self.z + self.k + self.m
-        whole = np.array(self._along(*given, np.tile(along, (1, count))))
+        whole = _mapped(self._along, count, *given, np.tile(along, (1, count)))
         whole = whole.reshape(self.rows, count, width).transpose(1, 0, 2)
         whole = self._without_algebraic(whole)
         n, outputs = self.n, self.n + self.z + self.outputs
@@ -241,6 +242,12 @@ class _Jacobians:
         rest = np.delete(whole, np.s_[n:n + z], axis=2)
         follows = np.linalg.solve(whole[:, n:n + z, n:n + z], rest[:, n:n + z])
         return np.asarray(rest - whole[:, :, n:n + z] @ follows)
+
+
+def _mapped(function: ca.Function, count: int, *given: Array) -> Array:
+    """The values (rows, columns * count) of a function of one output at so many points, its arguments side by side."""
+    found, = Buffered(function.map(count))(*given).values()
+    return np.asarray(found)
 
 
 def stepped(a: Array, b: Array, h: Array) -> tuple[Array, Array]:

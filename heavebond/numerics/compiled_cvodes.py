@@ -54,7 +54,9 @@ MOST_STATES = 60  # of the model: its Jacobian is dense here
 # Stages of the one-step method, with the first of the next step; how many times as many evaluations it may take as CVODES,
 # whose own work in a step is at least half of that of an evaluation; and as it took itself at first.
 STAGES, CHEAPER, WORSE = 7, 1.5, 3.0
-CHUNK = 50  # stops between two looks whether the run is still wanted
+# Stops between two looks whether the run is still wanted: at least, at most, and between these so that there are as
+# many looks. One takes as long as thirty stops of a small machine.
+CHUNK, LARGEST_CHUNK, LOOKS = 50, 200, 16
 Watch = Callable[[int, Array], None]  # of the number of stops seen before, and the signals (k, n_signals) at those since
 
 
@@ -233,8 +235,8 @@ class CompiledCvodes:
             ) -> Integrated:
         """From x0 (n (1 + m),), the states and then their sensitivities along each column of `directions` (n_p, m), with z
         near z0 (n_z,); RuntimeError where CVODES fails. Without `states` only the signals are kept. `watch` is called
-        every `CHUNK` stops with the signals at these, from the first on where another method begins anew; what it raises
-        ends the run."""
+        after `CHUNK` stops or more with the signals at these, from the first on where another method begins anew; what it
+        raises ends the run."""
         given, intervals = (x0, z0, p, directions, states, watch), len(self._stops) - 1
         if self.method is not None and self.method.one_step:
             try:
@@ -271,11 +273,12 @@ class CompiledCvodes:
         self._renew()
         library, at = self._program.library, ctypes.byref(problem)
         answer = library.begin(at, stops[0], _address(x0), _address(z0), _address(hoisted), *found)
+        chunk = min(max(CHUNK, N // LOOKS), LARGEST_CHUNK)
         reached, first, seen = ctypes.c_double(float(stops[0])), 0, 0
         here, counts = _address(stops) or 0, _address(self._counts)
         try:
             while not answer and first < N - 1:
-                number = min(CHUNK, N - 1 - first)
+                number = min(chunk, N - 1 - first)
                 answer = library.advance(at, number, here + first * stops.itemsize, first, *found, ctypes.byref(reached),
                                          counts)
                 first += number
