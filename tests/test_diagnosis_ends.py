@@ -6,14 +6,14 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from diagrams import CART_RIG
 
-from heavebond.diagnosis import verdict, yardstick
-from heavebond.diagnosis.adequacy import Comparand, adequacy
+from heavebond.diagnosis import diagnosis, verdict, yardstick
+from heavebond.diagnosis.adequacy import Adequacy, Comparand, adequacy
 from heavebond.diagnosis.attempt import attempt
 from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.diagnosis.diagnosis import diagnose
@@ -232,6 +232,32 @@ def test_a_curve_at_another_place_takes_the_name_where_it_explains_most_of_what_
         last: Any = SimpleNamespace(chosen=refit(together, "feed"))
         curve, stage = yardstick.curve_alone((first, last), 1, 1e9, lambda text: None)
         assert stage is not None and (curve.candidate.label if curve is not None else None) == alone
+
+
+@pytest.mark.parametrize("leaves_less", [False, True])
+def test_a_curve_takes_no_name_where_it_leaves_more_than_effects_of_which_the_last_is_not_named(
+        monkeypatch: pytest.MonkeyPatch, leaves_less: bool) -> None:
+    """A valve with overlap whose command has an offset: the offset leaves 64 of 2600, both 1.1, which is too small a share
+    for a second name; a curve before the valve leaves 13."""
+    offset, overlap = (SimpleNamespace(candidate=SimpleNamespace(label=name), chosen=name) for name in ("offset", "overlap"))
+    curve, curves = SimpleNamespace(candidate="curve"), SimpleNamespace(partial=False)
+    beaten = Adequacy(0.97, flexible=cast(Any, curve), beaten=True, covered=1.0)
+    monkeypatch.setattr(diagnosis, "judged", lambda *given: (beaten, curves))
+    monkeypatch.setattr(diagnosis, "better", lambda one, other: other == "overlap" and leaves_less)
+    monkeypatch.setattr(diagnosis, "choosing", lambda curves, curve: curves)
+    step: Any = SimpleNamespace(partial=False)
+    come = diagnosis._SearchState([cast(Any, SimpleNamespace(comparison=None))] * 2, [cast(Any, offset)], [step])
+    monkeypatch.setattr(diagnosis, "replace", lambda come, **given: SimpleNamespace(**given) if come is step else
+                        replace(come, **given))
+
+    def named(whole: tuple[Any, ...]) -> tuple[Any, Any]:
+        found = diagnosis._without_name(come, cast(Any, (offset,)), cast(Any, whole), lambda *given: cast(Any, "shape"), 1,
+                                        1e9, lambda text: None)
+        return found[1], found[2]
+
+    shape, found = named((offset, overlap))
+    assert shape == ("shape" if leaves_less else None) and found.stands is not leaves_less
+    assert named((offset,))[0] == "shape"
 
 
 def test_a_curve_between_the_nodes_of_a_part_stands_where_a_law_in_place_of_it_does(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -140,6 +140,14 @@ def test_a_search_ends_where_no_further_effect_could_be_named(chi2: tuple[float,
     assert within_the_error(ladder(*chi2, given=given)) is ends
 
 
+def test_a_share_that_is_small_on_fitted_data_alone_is_told_with_their_figures() -> None:
+    """A dead band beside the offset of a valve: on held-out data, whose figures stand before, it takes away an eighth."""
+    way = ladder(2600, 64, 1.12)
+    way[0].step.chi2_held_out, way[-1].step.chi2_held_out = 7350.0, 964.0
+    (dropped,) = supported(way, lambda text: None)[1]
+    assert "from 964 to 1.12" in dropped.words and "5 % of the misfit of the fitted data (64 to 1.12)" in dropped.words
+
+
 def test_the_share_is_that_of_the_first_misfit() -> None:
     assert material_share(ladder(1001, 101, 51)) == pytest.approx(0.05)
     # the smaller of both shares; what was not held out has none

@@ -20,7 +20,7 @@ from heavebond.core.progress import Progress
 from heavebond.core.quantities import si_value
 from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
-from heavebond.diagnosis.adequacy import Adequacy
+from heavebond.diagnosis.adequacy import Adequacy, better
 from heavebond.diagnosis.alternatives import Alternative
 from heavebond.diagnosis.answer_notes import (
     closed_loops,
@@ -253,8 +253,8 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
         lambda now: select_stepwise(at_fit(now, base), stepping, say, steps, left, calibrating)), kept)
     if climbed is None:
         return _without_search(experiment, ladder, base, budget)
-    part, way, last = climbed
-    way, unsupported = supported(way, say, lambda way: looked_back(way, stepping, say)[0] if left() > 0 else way)
+    part, whole, last = climbed
+    way, unsupported = supported(whole, say, lambda way: looked_back(way, stepping, say)[0] if left() > 0 else way)
     if unsupported:
         last = replace(unsupported[-1].added.step, partial=last.partial)
     # the last step made may be that of the last effect itself
@@ -272,7 +272,7 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
         come = come.without(VALUES) if made[-1].partial else _weighed(come, way, confirming.one, trying_values)
     shape, adequate = None, None
     if unexplained(come.ladder, come.findings, come.steps):
-        come, shape, adequate = _without_name(come, way, confirming.one, number, left(), say)
+        come, shape, adequate = _without_name(come, way, whole, confirming.one, number, left(), say)
     if shape is None and not (adequate is not None and adequate.stands) and not come.steps[-1].partial \
             and VALUES not in come.untried and unexplained(come.ladder, come.findings, come.steps):
         say("learning a curve")
@@ -359,11 +359,12 @@ class _SearchState:
         return replace(self, untried=tuple(dict.fromkeys((*self.untried, what))))
 
 
-def _without_name(come: _SearchState, way: Selection, confirm: Confirm, number: int | None, seconds: float, say: Progress
-                  ) -> tuple[_SearchState, AddedEffect | None, Adequacy | None]:
+def _without_name(come: _SearchState, way: Selection, whole: Selection, confirm: Confirm, number: int | None, seconds: float,
+                  say: Progress) -> tuple[_SearchState, AddedEffect | None, Adequacy | None]:
     """The adequacy of the first finding, after which more than noise is left, by identified curves in its place. Where one
     of these explains most of what is left, and nothing was found beside it, or one alone leaves less than all that was
-    found, it takes the place of the name."""
+    found, it takes the place of the name. What was found besides but is not named, as in the `whole` ladder, is no name, yet
+    what explains more than a curve."""
     if not way or not come.findings or come.findings[0].candidate is not way[0].candidate:
         return come, None, None
     say("fitting identified curves in place of the effect")
@@ -379,6 +380,8 @@ def _without_name(come: _SearchState, way: Selection, confirm: Confirm, number: 
         curve, curves = curve_alone(way[:len(come.findings)], number, seconds, say)
     if curve is None or curves is None:
         return come, None, found
+    if len(whole) > len(come.findings) and not better(curve, whole[-1].chosen):
+        return come, None, replace(found, beaten=False)
     without = come.ladder[:len(come.ladder) - len(come.findings)]
     shape = confirm(SelectedEffect(choosing(curves, curve), (curve,)), without[-1].comparison)
     if shape is None:

@@ -30,23 +30,27 @@ from heavebond.diagnosis.verdict import called
 @dataclass(frozen=True)
 class Unsupported:
     """A further effect that is not named: the share of the first misfit (chi-square above the noise) that it takes away, and
-    its strength over the amplitude, where that was asked for."""
+    its strength over the amplitude, where that was asked for; `fitted`: whether the share is small on fitted data only."""
 
     added: SelectedEffect
     share: float
     constancy: Constancy | None
+    fitted: bool = False
 
     @property
     def words(self) -> str:
         """Why, in a sentence."""
-        before, after = self.added.step.chi2_held_out, self.added.chosen.chi2_held_out
-        if before != before:  # (NaN: nothing is held out)
-            before, after = self.added.step.chi2_fit, self.added.chosen.chi2_fit
+        step, chosen = self.added.step, self.added.chosen
+        held = step.chi2_held_out == step.chi2_held_out  # (NaN: nothing is held out)
+        before, after = (step.chi2_held_out, chosen.chi2_held_out) if held else (step.chi2_fit, chosen.chi2_fit)
         said = f"{called(self.added.candidate)} would lower the reduced chi-square from {number(before, 3)} to " \
                f"{number(after, 3)}, but is not named: "
         if self.constancy is None:
             share = number(100 * DECISION.material, 2)
-            return said + f"it takes away less than {share} % of the misfit, within the error of the laws that were found."
+            there = f" of the fitted data ({number(step.chi2_fit, 3)} to {number(chosen.chi2_fit, 3)})"
+            where = there if self.fitted else ""
+            return said + f"it takes away less than {share} % of the misfit{where}, within the error of the laws that " \
+                "were found."
         low, high = min(self.constancy.strength), max(self.constancy.strength)
         return said + "its strength is not the same at small and large motion " \
                       f"({number(low, 2)} to {number(high, 2)} times the fitted one where it may vary)."
@@ -64,7 +68,7 @@ def supported(way: Selection, say: Progress, looked_back: Callable[[Selection], 
             found = _constancy(way[-1])
             if found is None or not found.differs:
                 break
-        dropped.append(Unsupported(way[-1], share, found))
+        dropped.append(Unsupported(way[-1], share, found, _shares(way)[1] >= DECISION.material))
         way = looked_back(way[:-1])
     return way, dropped
 
@@ -80,12 +84,17 @@ def material_share(way: Selection) -> float:
     that on fitted and that on held-out data; that on held-out data where the fitted data are near their noise without it,
     as they are where free parameters take its part in them. (Errors predicted without a block of time are no measure of it:
     where a block alone determines a number of the effect, as a rim that is met once, they are too large.)"""
-    first, last = way[0].step, way[-1]
-    fitted = (last.step.chi2_fit - last.chosen.chi2_fit) / max(first.chi2_fit - 1.0, 1e-9)
-    held = (last.step.chi2_held_out - last.chosen.chi2_held_out) / max(first.chi2_held_out - 1.0, 1e-9)
+    fitted, held = _shares(way)
     if held != held:  # (NaN: nothing is held out)
         return fitted
-    return held if last.step.chi2_fit <= DECISION.near else min(fitted, held)
+    return held if way[-1].step.chi2_fit <= DECISION.near else min(fitted, held)
+
+
+def _shares(way: Selection) -> tuple[float, float]:
+    """The shares of the first misfit that the last effect takes away, on fitted and on held-out data (NaN without these)."""
+    first, last = way[0].step, way[-1]
+    return ((last.step.chi2_fit - last.chosen.chi2_fit) / max(first.chi2_fit - 1.0, 1e-9),
+            (last.step.chi2_held_out - last.chosen.chi2_held_out) / max(first.chi2_held_out - 1.0, 1e-9))
 
 
 def _constancy(added: SelectedEffect) -> Constancy | None:
