@@ -39,6 +39,8 @@ from heavebond.numerics.result import Result, columns
 from heavebond.numerics.start_equations import StartEquations
 from heavebond.text.expression import names as names_in
 
+AT_ONCE = 128  # points at which one call evaluates a function: what maps it takes as long to build as they are many
+
 
 @dataclass(frozen=True)
 class Known:
@@ -215,18 +217,15 @@ class _Jacobians:
         parts = [ca.jacobian(rows, x), ca.jacobian(rows, z), ca.jtimes(rows, p, along) if self.k else ca.SX(rows.numel(), 0),
                  ca.jacobian(rows, u)[:, virtual]]
         self.rows = rows.numel()
-        self._values = ca.Function("values", [t, x, z, p, u, rate], [rows])
-        self._along = ca.Function("along", [t, x, z, p, u, rate, along], [ca.densify(ca.horzcat(*parts))])
+        both = ca.Function("values", [t, x, z, p, u, rate], [ca.densify(rows)]), \
+            ca.Function("along", [t, x, z, p, u, rate, along], [ca.densify(ca.horzcat(*parts))])
+        self._values, self._along = (Buffered(function.map(AT_ONCE)) for function in both)
 
     def at(self, result: Result, samples: NDArray[np.int64], along: Array) -> tuple[Array, ...]:
         """A with A_q, B, y, C with C_q, D, the local signals and theirs, at some samples of a run."""
         given = [np.ascontiguousarray(part[:, samples]) for part in columns(result)]
-        count = len(samples)
-        rows = _mapped(self._values, count, *given).T
-        width = self.n + self.z + self.k + self.m
-        whole = _mapped(self._along, count, *given, np.tile(along, (1, count)))
-        whole = whole.reshape(self.rows, count, width).transpose(1, 0, 2)
-        whole = self._without_algebraic(whole)
+        rows = _mapped(self._values, given)[:, 0].T
+        whole = self._without_algebraic(np.ascontiguousarray(_mapped(self._along, given, along).transpose(2, 0, 1)))
         n, outputs = self.n, self.n + self.z + self.outputs
         scale = np.concatenate([self.nominal, np.ones(self.k)])
         inner = whole[:, :, :n + self.k] * scale
@@ -244,10 +243,15 @@ class _Jacobians:
         return np.asarray(rest - whole[:, :, n:n + z] @ follows)
 
 
-def _mapped(function: ca.Function, count: int, *given: Array) -> Array:
-    """The values (rows, columns * count) of a function of one output at so many points, its arguments side by side."""
-    found, = Buffered(function.map(count))(*given).values()
-    return np.asarray(found)
+def _mapped(function: Buffered, given: Sequence[Array], *same: Array) -> Array:
+    """The values (rows, columns, N) of a function of `AT_ONCE` points at N points, whose arguments (n, N) are `given`, and
+    those that are the `same` everywhere behind them."""
+    count, found, repeated = given[0].shape[1], [], [np.tile(part, (1, AT_ONCE)) for part in same]
+    for begin in range(0, count, AT_ONCE):
+        points = np.minimum(np.arange(begin, begin + AT_ONCE), count - 1)
+        values, = function(*(part[:, points] for part in given), *repeated).values()
+        found.append(values.reshape(len(values), -1, AT_ONCE, order="F"))
+    return np.concatenate(found, axis=2)[:, :, :count]
 
 
 def stepped(a: Array, b: Array, h: Array) -> tuple[Array, Array]:
