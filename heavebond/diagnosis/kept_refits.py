@@ -26,7 +26,7 @@ from heavebond.core.kept_lines import Kept, KeptLines
 from heavebond.diagnosis.base_model import Base
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.refit import Refit, at_end_of
-from heavebond.diagnosis.scoring import Score
+from heavebond.diagnosis.scoring import Score, holding
 from heavebond.estimation.residuals import Descent
 
 SAME = 1e-6  # share by which the sum of squares may differ from the kept one: that of the tolerances of the runs
@@ -82,8 +82,10 @@ def restored(base: Base, candidate: Candidate, guesses: Sequence[Score], kept: K
 
 
 def scores_entry(candidate: Candidate, scores: Sequence[Score]) -> dict[str, Any]:
-    """What is kept of the scores of a candidate."""
-    return {"candidate": candidate.label, "scores": [
+    """What is kept of the scores of a candidate, and of its numbers that these hold at what the motion says."""
+    sought = {n.name for s in scores for n in s.candidate.numbers}
+    held = {n.name: scores[0].candidate.change.value(n.name) for n in candidate.numbers if scores and n.name not in sought}
+    return {"candidate": candidate.label, "held": held, "scores": [
         {"shapes": dict(s.shapes), "z": float(s.z), "amplitude": float(s.amplitude), "step": s.step.tolist(),
          "size": float(s.size), "share": float(s.share), "along": list(s.along), "side": s.side,
          "direction": base64.b64encode(s.direction.astype("<f8").tobytes()).decode()} for s in scores]}
@@ -92,6 +94,7 @@ def scores_entry(candidate: Candidate, scores: Sequence[Score]) -> dict[str, Any
 def restored_scores(base: Base, candidate: Candidate, kept: Kept) -> list[Score] | None:
     """The scores that were kept; None where they are not those of their directions."""
     try:
+        candidate = holding(candidate, {str(name): str(text) for name, text in kept["held"].items()})
         found = [Score(candidate, s["shapes"], s["z"], s["amplitude"], np.array(s["step"], float), s["size"], s["share"],
                        np.frombuffer(base64.b64decode(s["direction"]), "<f8").astype(float), tuple(s["along"]), s["side"])
                  for s in kept["scores"]]

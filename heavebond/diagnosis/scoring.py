@@ -278,10 +278,15 @@ def _settled(candidate: Candidate, runs: Sequence[Run], base: Base) -> Candidate
         low, high = seen[name]
         said = {"middle": (low + high) / 2, "half": (high - low) / 2, "peak": max(abs(low), abs(high))}
         values[name] = quantity(said[number.sought.held], number.unit)
-    if not held:
+    return holding(candidate, values)
+
+
+def holding(candidate: Candidate, values: Mapping[str, str]) -> Candidate:
+    """The candidate with numbers set to values, as they are written, and no longer sought."""
+    if not values:
         return candidate
     return replace(candidate, change=candidate.change.with_values(values),
-                   numbers=tuple(n for n in candidate.numbers if n.name not in held))
+                   numbers=tuple(n for n in candidate.numbers if n.name not in values))
 
 
 def _difference(base: Base, runs: Sequence[Run], shapes: Mapping[str, float]) -> Array:

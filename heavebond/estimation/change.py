@@ -55,6 +55,11 @@ class Change:
                 settings[name] = text
         return replace(self, components=parts, settings=settings, initial=initial)
 
+    def value(self, name: str) -> str:
+        """What is written for a parameter that `with_values` has set, by its full name; KeyError where nothing is."""
+        owner, _, parameter = name.rpartition(".")
+        return str(self.components[owner].values[parameter] if owner in self.components else self.settings[name])
+
     def joined(self, other: Change) -> Change:
         """Both changes at once; nodes that both name get the ends of both."""
         nodes = dict(self.nodes)
