@@ -27,6 +27,13 @@ def lost_candidates(steps: Sequence[Stage]) -> list[str]:
             "again alone (killed, or out of memory). Fewer `--processes`, or `--samples`, need less memory."] if lost else []
 
 
+def broken_candidates(said: str, steps: Sequence[Stage]) -> list[str]:
+    """What was not tried beside an answer that leaves something open."""
+    broken = steps[0].broken if said in ("mainly", "shape", "undetermined") and steps[0].left.significant else ()
+    return [f"Not tried, as the diagram with it cannot be simulated: {listing(broken, 4)}. To see why, add one to the "
+            "diagram and run it."] if broken else []
+
+
 def wrong_starts(said: str, last: Comparison) -> list[str]:
     """Channels that begin elsewhere than the model with all effects, and what that means where no name was found."""
     found = [f"{name}: {start}." for name, record in last.records.items() for start in record.starts]

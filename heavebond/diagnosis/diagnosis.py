@@ -23,6 +23,7 @@ from heavebond.core.threads import single_threaded
 from heavebond.diagnosis.adequacy import Adequacy, better
 from heavebond.diagnosis.alternatives import Alternative
 from heavebond.diagnosis.answer_notes import (
+    broken_candidates,
     closed_loops,
     lost_candidates,
     residual_notes,
@@ -289,7 +290,7 @@ def _diagnosed(experiment: ExperimentOrFile, steps: int, number: int | None, sec
             *(apart.words if apart is not None else ()),
             *(u.words for u in reversed(unsupported) if come.findings and said not in ("effect", "one_of", "parameters")),
             *residual_notes(said, rest, come.steps),
-            *lost_candidates(come.steps), *closed_loops(ladder[0].comparison),
+            *lost_candidates(come.steps), *broken_candidates(said, come.steps), *closed_loops(ladder[0].comparison),
             *own_start_words(asked, base, found[-1].fit if found else base), *wrong_starts(said, rungs[-1].comparison),
             *so_far(come.steps, come.untried),
             *search_limits(classes, cut(part, experiment), confirming.shorter))

@@ -25,6 +25,7 @@ from heavebond.core.errors import HeavebondError
 from heavebond.core.kept_lines import Kept, KeptLines
 from heavebond.diagnosis.base_model import Base
 from heavebond.diagnosis.catalogue import Candidate
+from heavebond.diagnosis.finite_amplitudes import ranged
 from heavebond.diagnosis.refit import Refit, at_end_of
 from heavebond.diagnosis.scoring import Score, holding
 from heavebond.estimation.residuals import Descent
@@ -82,10 +83,13 @@ def restored(base: Base, candidate: Candidate, guesses: Sequence[Score], kept: K
 
 
 def scores_entry(candidate: Candidate, scores: Sequence[Score]) -> dict[str, Any]:
-    """What is kept of the scores of a candidate, and of its numbers that these hold at what the motion says."""
-    sought = {n.name for s in scores for n in s.candidate.numbers}
-    held = {n.name: scores[0].candidate.change.value(n.name) for n in candidate.numbers if scores and n.name not in sought}
-    return {"candidate": candidate.label, "held": held, "scores": [
+    """What is kept of the scores of a candidate, of its numbers that these hold at what the motion says, and of the ranges
+    in which they seek amplitudes that cannot be zero."""
+    own = {n.name: n for n in scores[0].candidate.numbers} if scores else {}
+    held = {n.name: scores[0].candidate.change.value(n.name) for n in candidate.numbers if own and n.name not in own}
+    ranges = {n.name: [span.range.low, span.range.high] for n in candidate.vanishing
+              if n.name in own and (span := own[n.name].sought) is not None and span.range is not None}
+    return {"candidate": candidate.label, "held": held, "ranges": ranges, "scores": [
         {"shapes": dict(s.shapes), "z": float(s.z), "amplitude": float(s.amplitude), "step": s.step.tolist(),
          "size": float(s.size), "share": float(s.share), "along": list(s.along), "side": s.side,
          "direction": base64.b64encode(s.direction.astype("<f8").tobytes()).decode()} for s in scores]}
@@ -95,6 +99,7 @@ def restored_scores(base: Base, candidate: Candidate, kept: Kept) -> list[Score]
     """The scores that were kept; None where they are not those of their directions."""
     try:
         candidate = holding(candidate, {str(name): str(text) for name, text in kept["held"].items()})
+        candidate = ranged(candidate, {str(n): (float(low), float(high)) for n, (low, high) in kept["ranges"].items()})
         found = [Score(candidate, s["shapes"], s["z"], s["amplitude"], np.array(s["step"], float), s["size"], s["share"],
                        np.frombuffer(base64.b64decode(s["direction"]), "<f8").astype(float), tuple(s["along"]), s["side"])
                  for s in kept["scores"]]

@@ -26,6 +26,7 @@ from heavebond.core.errors import HeavebondError
 from heavebond.core.units import Dimension
 from heavebond.diagnosis.base_model import Base, plain_residuals, responses, sensitivities, values_at
 from heavebond.diagnosis.catalogue import Candidate, EffectNumber, quantity
+from heavebond.diagnosis.finite_amplitudes import from_finite_amplitudes
 from heavebond.diagnosis.shared_diagrams import SharedDiagram
 from heavebond.estimation.residuals import Run
 from heavebond.language.symbols import kinked
@@ -98,7 +99,16 @@ class Score:
 
 def scored(base: Base, candidate: Candidate, shared: SharedDiagram | None = None) -> list[Score]:
     """The scores of one candidate at a few choices of its shapes; none where the diagram with it cannot be simulated. Where
-    it is one of several in a `shared` diagram, its runs are made with that, the others asleep."""
+    it is one of several in a `shared` diagram, its runs are made with that, the others asleep; where it cannot be simulated
+    at amplitude zero, from finite amplitudes on."""
+    found = _scored_from_zero(base, candidate, shared)
+    if found or not candidate.vanishes or (finite := from_finite_amplitudes(base, candidate)) is None:
+        return found
+    return _all_scores(base, finite, lambda one, names: base.runs(one.change, names))
+
+
+def _scored_from_zero(base: Base, candidate: Candidate, shared: SharedDiagram | None) -> list[Score]:
+    """The scores where zero is a value like others."""
     sleeping = base.sleeping(shared, candidate.label)
     if shared is None or sleeping is None:
         return _all_scores(base, candidate, lambda one, names: base.runs(one.change, names))

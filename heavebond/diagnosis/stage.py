@@ -54,10 +54,10 @@ class Stage:
     """One rung: the experiment that was diagnosed, its best fit of what was free (chi-square per sample on what was and was
     not fitted), the tests on what that leaves, all scores and refits, best first, what was chosen, and those that the
     records cannot tell from it (the chosen one first). `partial`: not all that was planned was refitted; `lost` are the
-    candidates whose process died; `acts_as` are the numbers of the diagram of which candidates are another value, by their
-    labels. `errors` are the predictive errors without any candidate, `identity` the comparison of the
-    candidates with the chosen one. `planned` is the number of candidates that were to be scored, `as_one` are the nodes that
-    move as one in the base model, each with the first of them."""
+    candidates whose process died, `broken` the labels of those with which the diagram cannot be simulated; `acts_as` are the
+    numbers of the diagram of which candidates are another value, by their labels. `errors` are the predictive errors without
+    any candidate, `identity` the comparison of the candidates with the chosen one. `planned` is the number of candidates
+    that were to be scored, `as_one` are the nodes that move as one in the base model, each with the first of them."""
 
     experiment: Experiment
     values: dict[str, float]
@@ -80,6 +80,7 @@ class Stage:
     errors: PredictiveErrors | None = None
     identity: Identity | None = None
     acts_as: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    broken: tuple[str, ...] = ()
     planned: int = 0
     as_one: Mapping[str, str] = field(default_factory=dict)
 
@@ -155,13 +156,14 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     found = [c for c in found if always or _says_more(c, base, courses)]
     scores: list[Score] = []
     acts_as: dict[str, tuple[str, ...]] = {}
-    partial, twins = False, dict[str, tuple[str, ...]]()
+    partial, scored_all, twins = False, False, dict[str, tuple[str, ...]]()
     with Workers(base, number) as workers:
         refits = RefitSchedule(workers, say, {beside.candidate.label: beside} if beside is not None else {})
         try:
             for k, (candidate, got) in enumerate(workers.score(found), 1):
                 say(f"scoring {k} of {len(found)}: {candidate.label}")
                 scores += got
+            scored_all = True
             # in the order of the catalogue, whichever process was done first
             place = {c.label: k for k, c in enumerate(found)}
             scores.sort(key=lambda s: place[s.candidate.label])
@@ -185,7 +187,9 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             partial, left, twins = True, leftover(base, scores), {}
     trials = list(refits.trials.values())
     made = _judged(base, errors, left, scores, trials, twins, partial, clock.perf_counter() - began, as_one)
-    return replace(made, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as, planned=len(found))
+    known = {s.candidate.label for s in scores}
+    broken = tuple(c.label for c in found if c.label not in known and c.label not in workers.lost) if scored_all else ()
+    return replace(made, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as, planned=len(found), broken=broken)
 
 
 def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]], most: int

@@ -161,7 +161,7 @@ class SearchRange:
 
     range: Range | None
     seen: str
-    place: Place
+    place: Place | None = None
     held: str = ""
 
 
