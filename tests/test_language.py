@@ -222,6 +222,22 @@ set: {cart.m: 3 kg}
     assert np.abs(result["load.x"] - exact).max() < 1e-8
 
 
+def test_values_of_a_part_that_another_kind_replaces_are_kept_where_that_has_them(folder: Path) -> None:
+    (folder / "base.yaml").write_text("""
+model: base
+components: {wall: {is: Fixed}, spring: {is: SpringDamper, c: 1 kN/m, d: 3 N*s/m}, cart: {is: Mass, m: 2 kg}}
+nodes: {ground: [wall.a, spring.a], load: [spring.b, cart.a]}
+initial: {load.x: 10 mm, load.v: 0 m/s}
+simulate: {until: 1 s, every: 10 ms}
+set: {spring.c: 800 N/m, spring.d: 4 N*s/m}
+""", encoding="utf-8")
+    variant = "model: changed\nextends: base.yaml\ncomponents: {spring: {is: Spring, c: 1 kN/m}}\n"
+    assembly = hb.assemble(hb.loads(variant, folder))
+    assert assembly.parameter_values["spring.c"] == 800.0 and "spring.d" not in assembly.parameter_values
+    with pytest.raises(hb.ModelError, match=r"spring\.d"):  # what the variant itself sets must be there
+        hb.assemble(hb.loads(variant + "set: {spring.d: 4 N*s/m}\n", folder))
+
+
 def test_dotted_names_reach_into_blocks() -> None:
     model = hb.loads("""
 model: leaking

@@ -156,9 +156,10 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
     if findings:
         lines.append(_fall(ladder[0], findings[-1].rung))
         lines += _not_held_out(findings[0], steps[0])
-    if steps[0].at_end and findings and not steps[-1].at_end:
-        lines.append(f"Without it {listing(steps[0].at_end)} went to the end of the range, a sign that physics is missing; "
-                     f"with it {'they come' if len(steps[0].at_end) > 1 else 'it comes'} back inside.")
+    ended = [name for name in steps[0].at_end if findings and name in findings[-1].fit.experiment.free]
+    if ended and not steps[-1].at_end:
+        lines.append(f"Without it {listing(ended)} went to the end of the range, a sign that physics is missing; "
+                     f"with it {'they come' if len(ended) > 1 else 'it comes'} back inside.")
     found = [p for f in findings for p in f.parameters]
     for p in found:
         if p.unreached is not None:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from heavebond.core.quoting import file_stem
 from heavebond.estimation.experiment import Experiment, Output, with_inputs_moved
+from heavebond.language.library import Library
 from heavebond.language.model import Model, extended
 from heavebond.text.expression import parse_formula
 from heavebond.text.yaml_source import parse
@@ -85,12 +86,19 @@ class Change:
         return extended(model, parse(text, path, path.name, trusted=True))
 
     def on_experiment(self, experiment: Experiment) -> Experiment:
-        """The experiment with the changed diagram, its outputs and inputs where the change puts them."""
+        """The experiment with the changed diagram, its outputs and inputs where the change puts them; what was free of a
+        part that is replaced is free no longer where the new part has no such number."""
         model = self.on_model(experiment.model)
         outputs = dict(experiment.outputs)
         for channel, formula in self.channels.items():
             outputs[channel] = _output(outputs[channel], formula)
-        return with_inputs_moved(replace(experiment, model=model, outputs=outputs), self.moved)
+        free = {name: f for name, f in experiment.free.items() if not self._lost(name, model.library)}
+        return with_inputs_moved(replace(experiment, model=model, outputs=outputs, free=free), self.moved)
+
+    def _lost(self, name: str, library: Library) -> bool:
+        """Whether a parameter is that of a part whose place another kind of part takes, which has none of this name."""
+        owner, _, parameter = name.partition("[")[0].rpartition(".")
+        return owner in self.components and parameter not in library.component(self.components[owner].kind).parameters
 
 
 def _output(output: Output, formula: str) -> Output:

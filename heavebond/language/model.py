@@ -323,12 +323,25 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
         base, name=reading.text(root.items["model"], "model", problems), path=source.path,
         summary=reading.text(root.items.get("summary"), "summary", problems) or base.summary,
         parameters=parameters, body=Body(instances, wires),
-        settings={**base.settings, **read_settings(root.items.get("set"), source, problems)},
+        settings={**_kept_settings(base, body), **read_settings(root.items.get("set"), source, problems)},
         initial=read_initial(root.items.get("initial"), base.initial, problems),
         show={**base.show, **read_show(root.items.get("show"), problems)},
         until=plan.until or base.until, every=plan.every or base.every, solver=plan.solver or base.solver,
         view={**base.view, **read_view(root.items.get("view"), problems)},
         files=(*base.files, source.path))
+
+
+def _kept_settings(base: Model, body: Body) -> dict[str, Setting]:
+    """The settings of a diagram that its variant keeps: not those of a part whose place another kind of part takes, which
+    has no such parameter."""
+    def lost(path: str) -> bool:
+        owner, _, parameter = path.partition("[")[0].rpartition(".")
+        before, after = base.body.instances.get(owner), body.instances.get(owner)
+        if before is None or after is None or before.kind == after.kind or after.kind not in base.library.files:
+            return False
+        return parameter not in base.library.component(after.kind).parameters
+
+    return {path: setting for path, setting in base.settings.items() if not lost(path)}
 
 
 def _values(node: Node | None, what: str, problems: Problems) -> dict[str, Value]:
