@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from heavebond.core.cancellation import clear_signal, time_limit
-from heavebond.diagnosis import verdict
+from heavebond.diagnosis import verdict_words
 from heavebond.diagnosis.adequacy import Adequacy
 from heavebond.diagnosis.base_model import Base, searched
 from heavebond.diagnosis.catalogue import single_candidates
@@ -279,5 +279,5 @@ def test_the_same_law_at_the_same_place_is_named_beside_the_answer() -> None:
 
     finding: Any = SimpleNamespace(candidate=law("Law").candidate, alternatives=(law("Law"), law("Other")))
     step: Any = SimpleNamespace(twins={"Law at the wall": ("Law in the wall", "Other at the wall")})
-    assert verdict._same_laws([finding], [step]) == ["Law in the wall is the same law as friction at the wall (Law)."]
-    assert verdict._same_laws([finding], [SimpleNamespace(twins={})]) == []
+    assert verdict_words._same_laws([finding], [step]) == ["Law in the wall is the same law as friction at the wall (Law)."]
+    assert verdict_words._same_laws([finding], [SimpleNamespace(twins={})]) == []

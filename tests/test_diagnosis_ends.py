@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from diagrams import CART_RIG
 
-from heavebond.diagnosis import diagnosis, verdict, yardstick
+from heavebond.diagnosis import diagnosis, verdict, verdict_words, yardstick
 from heavebond.diagnosis.adequacy import Adequacy, Comparand, adequacy
 from heavebond.diagnosis.attempt import attempt
 from heavebond.diagnosis.catalogue import single_candidates
@@ -88,7 +88,7 @@ def test_a_range_that_ends_before_the_truth_is_told_and_names_nothing_for_sure(
                                 comparison=SimpleNamespace(experiment=given))
     finding = AddedEffect(brake, (), rung, None, (trial,))
     assert verdict.is_adequate([rung, rung], [finding]) is not bool(beyond)
-    assert ("Widen `search_range`" in " ".join(verdict.at_ends(finding))) is bool(beyond)
+    assert ("Widen `search_range`" in " ".join(verdict_words.at_ends(finding))) is bool(beyond)
 
 
 def test_a_sensor_that_is_noisier_in_a_record_is_no_missing_effect(tmp_path: Path) -> None:
@@ -116,15 +116,15 @@ def test_a_limit_of_the_parameter_is_a_value_like_any_other(tmp_path: Path) -> N
     given = measured(tmp_path, "{is: DirectionalFriction, F_p: 0.8 N, F_n: 0 N}", ("", "b", "a"))
     finding = attempt(given, "DirectionalFriction", ["rail", "load"]).finding
     assert finding.beyond == () and [p.name for p in finding.at_limits] == ["directional_friction.F_n"]
-    (line,) = verdict.at_ends(finding)
+    (line,) = verdict_words.at_ends(finding)
     assert line.startswith("directional_friction.F_n = 0 N: ") and "more of its kind" not in line
 
 
 def test_an_effect_that_does_not_show_is_not_said_to_be_there() -> None:
     """Its interval covers its whole range, as that of an effect does whose size the records do not tell."""
     finding: Any = SimpleNamespace(at_limits=(), parameters=(), beyond=(), undetermined=("brake.F_m",))
-    assert verdict.at_ends(finding)[0].startswith("The records show that the effect is there but not how large it is")
-    (line,) = verdict.at_ends(finding, shown=False)
+    assert verdict_words.at_ends(finding)[0].startswith("The records show that the effect is there but not how large it is")
+    (line,) = verdict_words.at_ends(finding, shown=False)
     assert line == "The records do not show how large the effect is: brake.F_m may lie anywhere in the range."
 
 
@@ -142,7 +142,7 @@ def test_only_rivals_that_explain_as_much_as_the_answer_are_not_excluded() -> No
     finding: Any = SimpleNamespace(candidate=answer.candidate, alternatives=(answer,),
                                    rung=SimpleNamespace(chi2_fit=8.0, chi2_held_out=9.0))
     step: Any = SimpleNamespace(chi2_fit=101.0, trials=trials)
-    (line,) = verdict._not_excluded([finding], [step])
+    (line,) = verdict_words._not_excluded([finding], [step])
     assert line == "The search for compliance at compliance (Law), which is not excluded, stopped at the end of a range " \
                    "(law.k at 5 um), beyond which it would leave less: widen `search_range`."
 

@@ -14,7 +14,7 @@ import pytest
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import RECEIVER
-from heavebond.diagnosis import ranking, stepwise_selection, verdict
+from heavebond.diagnosis import ranking, stepwise_selection, verdict, verdict_words
 from heavebond.diagnosis.adequacy import Adequacy
 from heavebond.diagnosis.diagnosis import _beside, _noticeable, _SearchState, _weighed, diagnose
 from heavebond.diagnosis.fixed_values import VALUE
@@ -182,7 +182,7 @@ def test_an_effect_that_hardly_takes_anything_away_is_no_finding() -> None:
 def test_a_score_that_no_refit_justifies_is_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     """The fall that justifies an effect is exceeded by chance once in 1900 tries: what a score finds more often than that is
     settled by the refits, where neither size nor memory of what is left is more than chance."""
-    monkeypatch.setattr(verdict, "_still", lambda rung: False)
+    monkeypatch.setattr(verdict, "is_still", lambda rung: False)
     ladder: list[Any] = [_rung(1.0, 1.0)]
 
     def said(score: float, size: float = 0.5, memory: float = 0.5, held: float = 1.0, complete: bool = True,
@@ -194,7 +194,7 @@ def test_a_score_that_no_refit_justifies_is_noise(monkeypatch: pytest.MonkeyPatc
     assert said(5e-4) == said(0.009, size=0.004) == said(0.009, memory=0.004) == said(0.009, held=1.2) == "undetermined"
     assert said(0.009, complete=False) == said(0.009, partial=True) == "undetermined"
     step = replace(EMPTY, left=ResidualTests(0.009, 0.5, 0.5, 3.7))
-    assert "z = 3.7, is exceeded by chance in 0.9 % of such records" in verdict._nothing(ladder, (), [step])
+    assert "z = 3.7, is exceeded by chance in 0.9 % of such records" in verdict_words._nothing(ladder, (), [step])
 
 
 def test_an_effect_that_is_not_missed_any_more_is_taken_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -274,7 +274,7 @@ def test_two_laws_of_one_name_are_named_once() -> None:
         return SimpleNamespace(candidate=SimpleNamespace(attaches="across", kind=kind, place="at the wall", component="Law"),
                                alternatives=())
 
-    assert verdict._effect([], [found("drag"), found("stiffness"), found("stiffness")]) == \
+    assert verdict_words._effect([], [found("drag"), found("stiffness"), found("stiffness")]) == \
         "Missing: drag at the wall (Law); stiffness at the wall (Law), 2 times."
 
 
@@ -284,21 +284,22 @@ def test_every_law_that_is_starred_is_named() -> None:
                                                          component=name, where=("wall",)))
 
     finding = AddedEffect(law("Law1").candidate, *[None] * 3, tuple(law(f"Law{k}") for k in range(1, 10)))
-    for said in (verdict._effect([], [finding]), verdict._mainly([replace(finding, rung=_rung(9, 9))], Adequacy(0.8))):
+    for said in (verdict_words._effect([], [finding]),
+                 verdict_words._mainly([replace(finding, rung=_rung(9, 9))], Adequacy(0.8))):
         assert "friction at the wall (Law1)." in said and f"{', '.join(f'Law{k}' for k in range(2, 10))} there." in said
     # where all are named one by one, the laws of one place are one name
     other = law("Law0")
     other.candidate.place, other.candidate.where = "at the floor", ("floor",)
     unsure = replace(finding, alternatives=(*finding.alternatives, other))
-    assert verdict._one_of([], [unsure]) == "Missing: friction at the wall or at the floor. " \
+    assert verdict_words._one_of([], [unsure]) == "Missing: friction at the wall or at the floor. " \
         "The records cannot tell these places apart."
     play = law("Law10")
     play.candidate.kind = "play"
     either = replace(unsure, alternatives=(*unsure.alternatives, play))
-    assert verdict._one_of([], [either]) == "Missing: friction at the wall or at the floor; or play at the wall. " \
+    assert verdict_words._one_of([], [either]) == "Missing: friction at the wall or at the floor; or play at the wall. " \
         "The records cannot tell these apart."
     either = replace(finding, alternatives=(*finding.alternatives, play))
-    assert verdict._one_of([], [either]).startswith("Missing: friction at the wall or play at the wall. ")
+    assert verdict_words._one_of([], [either]).startswith("Missing: friction at the wall or play at the wall. ")
 
 
 def test_a_candidate_whose_search_stopped_at_an_end_does_not_count_as_refitted() -> None:

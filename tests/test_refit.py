@@ -25,7 +25,7 @@ from heavebond.diagnosis.kept_refits import entry, restored
 from heavebond.diagnosis.refit import Refit, begun, followed, polished
 from heavebond.diagnosis.scoring import Score, scored
 from heavebond.diagnosis.stage import fitted_base, is_noticeable, make_stage
-from heavebond.diagnosis.verdict import _not_held_out
+from heavebond.diagnosis.verdict_words import _not_held_out
 
 
 def refitted(base: Base, candidate: Candidate, guesses: Sequence[Score]) -> Refit | None:

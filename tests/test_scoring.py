@@ -19,7 +19,7 @@ from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.equivalent_values import NEARLY, _beside, _held_directions, equivalent_values
 from heavebond.diagnosis.fixed_values import VALUE
 from heavebond.diagnosis.scoring import SAME, Score, scored
-from heavebond.diagnosis.verdict import acting_as_values
+from heavebond.diagnosis.verdict_words import acting_as_values
 from heavebond.estimation.comparison import assemble_for, driven_by
 from heavebond.estimation.experiment import load_experiment
 from heavebond.estimation.residuals import Residuals, Run

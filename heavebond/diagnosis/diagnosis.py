@@ -71,18 +71,8 @@ from heavebond.diagnosis.stepwise_selection import (
     select_stepwise,
     within_the_error,
 )
-from heavebond.diagnosis.verdict import (
-    acting_as_values,
-    called,
-    equivalent_value_words,
-    is_adequate,
-    near_noise,
-    sentences,
-    sheet_p_value,
-    unexplained,
-    verdict,
-    worth_it,
-)
+from heavebond.diagnosis.verdict import is_adequate, near_noise, sheet_p_value, unexplained, verdict, worth_it
+from heavebond.diagnosis.verdict_words import acting_as_values, called, equivalent_value_words, sentences
 from heavebond.diagnosis.yardstick import curve_alone, judged
 from heavebond.estimation.comparison import Comparison
 from heavebond.estimation.excerpts import as_long_as, cut, excerpt

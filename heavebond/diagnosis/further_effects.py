@@ -24,7 +24,7 @@ from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.identity import leaves_noise
 from heavebond.diagnosis.stage import fitted_base, following
 from heavebond.diagnosis.stepwise_selection import SelectedEffect, Selection
-from heavebond.diagnosis.verdict import called
+from heavebond.diagnosis.verdict_words import called
 
 
 @dataclass(frozen=True)

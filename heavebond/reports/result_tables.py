@@ -17,7 +17,7 @@ from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, parameter_descr
 from heavebond.diagnosis.probability import PROBABILITY
 from heavebond.diagnosis.ranking import entries, shown_in
 from heavebond.diagnosis.stage import Stage
-from heavebond.diagnosis.verdict import at_ends
+from heavebond.diagnosis.verdict_words import at_ends
 from heavebond.estimation.comparison import Channel, Comparison
 from heavebond.estimation.fitting import Fit
 from heavebond.localise.misfit import Localization, PlaceEstimate, summary
