@@ -17,7 +17,7 @@ from benchmarks.diagnosis.machines import MACHINES
 from benchmarks.diagnosis.making import Hidden, made
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
-from heavebond.diagnosis import refit
+from heavebond.diagnosis import refit, refit_starts
 from heavebond.diagnosis.base_model import Base
 from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.diagnosis import diagnose
@@ -37,7 +37,8 @@ def refitted(base: Base, candidate: Candidate, guesses: Sequence[Score]) -> Refi
 def test_an_amplitude_is_sought_beyond_what_the_tangent_tells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The free flow of the valve takes most of a leak's misfit on itself, so that the leak is seven times what the rest asks
     for."""
-    monkeypatch.setattr(refit, "WIDE", 3.0)
+    for module in (refit, refit_starts):
+        monkeypatch.setattr(module, "WIDE", 3.0)
     truth = next(t for t in TRUTHS["cylinder"] if t.name == "valve leak")
     machine = Hidden(replace(RIGS["cylinder"], seconds=10.0), [truth], "test", tmp_path, 1.0, 0.0)
     base = fitted_base(machine.case([1e-11]).experiment)
@@ -58,7 +59,8 @@ def test_a_close_comparison_goes_beyond_an_end_that_nobody_declared(tmp_path: Pa
     base = fitted_base(machine.case([4e-10]).experiment)
     leak = next(c for c in single_candidates(base.problem.experiment) if c.label == truth.label)
     guesses, number = scored(base, leak), leak.numbers[0].name
-    monkeypatch.setattr(refit, "WIDE", 2.0)  # the leak is four times what would move the channels by the misfit
+    for module in (refit, refit_starts):  # the leak is four times what would move the channels by the misfit
+        monkeypatch.setattr(module, "WIDE", 2.0)
     with monkeypatch.context() as at_once:
         at_once.setattr(refit, "WIDENED", 0)
         narrow = refitted(base, leak, guesses)
@@ -98,8 +100,8 @@ def test_an_amplitude_that_no_score_moves_stays_neutral(tmp_path: Path) -> None:
     found = refitted(base, stop, guesses)
     assert found is not None
     assert "end_stop.c" in found.values and "end_stop.d" not in found.experiment.free
-    beside = refit._RefitProblem(base, stop, guesses)._beside()
-    assert beside is not None and len(beside) == found.unknowns
+    problem = refit._RefitProblem(base, stop, guesses)
+    assert problem.starts.beside is not None and len(problem._start(problem.starts.beside)) == found.unknowns
 
 
 def test_slack_is_what_a_fit_to_all_samples_takes_away(tmp_path: Path) -> None:

@@ -22,7 +22,8 @@ from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.early_stopping import HOPE, LITTLE, Enough, made_progress, stop_inferior_starts, stop_stalled
 from heavebond.diagnosis.predictive_errors import SELECTION, TEST, PredictiveErrors, predictive_errors
 from heavebond.diagnosis.range_ends import passed_ends, unshown_amplitudes
-from heavebond.diagnosis.scoring import BEYOND, Score, admissible_sides, may_be_below_neutral, point_of_range, shape_ranges
+from heavebond.diagnosis.refit_starts import FURTHER, WIDE, Plan, RefitStarts
+from heavebond.diagnosis.scoring import Score
 from heavebond.estimation.experiment import Experiment, Free
 from heavebond.estimation.fitting import own_start
 from heavebond.estimation.residuals import AT_END, Descent, Exceeded, Residuals, Run
@@ -33,19 +34,10 @@ FIRST, LAST = 8, 40  # runs of a descent: to compare starts, and to end
 # A refit is not followed to its end where its first steps leave all but this share of a chi-square per sample above LARGE.
 NOTHING, LARGE = 0.02, 10.0
 SECONDS = 60.0  # of this process, after which a refit that has not come far is not followed further
-# An amplitude is sought up to this many times what would move the channels by their whole misfit, as far as the tangent at
-# zero tells, and up to as many times that where it ends there, so often.
-WIDE, WIDENED = 30.0, 2
-STARTS = (0.15, 0.5, 0.85)  # shares of the ranges of shapes
-APART = 1.5  # where an amplitude begins that must be above another one
-SMALL = 0.02  # share of the amplitude that a score asks for with which a refit begins besides
+WIDENED = 2  # times that the range of an amplitude is made wider where it ends at its end (see `refit_starts.WIDE`)
 ASIDE = 0.02  # share of its range from an end at which a limit stands that is not felt: chi-square rises
 UNFELT = 4.0  # by no more than this, two standard deviations, in units of what is left
-INSIDE = 0.4  # share of its range at which an amplitude begins besides, where the range has an end
 CLOSE = 1e-8  # changes of the sum of squares at which a refit that is compared closely ends
-MOST_SHAPES = 3  # choices of the shapes from which a refit begins
-FURTHER = 16  # more of them for laws of several shapes, of which the best are taken
-LARGER = (0.7, 3.0, 12.0)  # amplitudes to be looked at besides, in units of what would move the channels by their misfit
 # Another start than the best is followed to its end where its sum of squares is so many times that of the best by then: from
 # a point that is not the same, and from one that may still win.
 ANOTHER = (1.001, 3.0)
@@ -195,27 +187,6 @@ def _lent(lender: Refit, candidate: Candidate) -> dict[str, float]:
                         if key in own and name in lender.values}}
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """Where a refit begins: values of the candidate's numbers, and of the base's free parameters (inner)."""
-
-    numbers: Mapping[str, float]
-    base: Array
-
-
-def _halton(dimensions: int, number: int) -> Array:
-    """The first points (number, dimensions) of the sequence of J. H. Halton (1960, doi:10.1007/BF01386213) in the unit cube
-    but its origin: the digits of k in a prime base, mirrored at the point."""
-    primes = [p for p in range(2, 60) if all(p % q for q in range(2, p))][:dimensions]
-    points = np.zeros((number, len(primes)))
-    for column, base in enumerate(primes):
-        left, share = np.arange(1, number + 1), 1.0 / base
-        while left.any():
-            points[:, column] += left % base * share
-            left, share = left // base, share / base
-    return points
-
-
 class _RefitProblem:
     """The least squares problem of the diagram with the candidate in it."""
 
@@ -224,8 +195,8 @@ class _RefitProblem:
         self.finer, self.errs = 0, 0.0  # how often runs were made finer; the length of what they did to residuals by errors
         changed = base.diagram(candidate.change).experiment
         self.runs = base.runs(candidate.change, [])
-        self.ranges = {**shape_ranges(candidate, self.runs, base, BEYOND), **self._amplitudes()}
-        self.plans = self._plans()
+        self.starts = RefitStarts(base, candidate, guesses, self.runs)
+        self.ranges = dict(self.starts.ranges)
         freed = self._freed(changed, set(self.runs[0].assembly.parameter_values))
         values = {name: self._inside(name) for name in self.ranges}
         self.problem = Residuals(freed, runs=[run.again(list(freed.free), values, QuickSimulator) for run in self.runs])
@@ -243,86 +214,6 @@ class _RefitProblem:
         where its law changes within milliseconds: descents end in the roughness of the sum of squares then."""
         return self.errs > ERRS * float(np.sqrt(trial.cost))
 
-    def _scale(self, guess: Score) -> float:
-        """The amplitude whose own effect is as large as the whole misfit."""
-        return float(np.linalg.norm(self.base.r)) / guess.size if guess.size > 0 else 1.0
-
-    def _amplitudes(self) -> dict[str, tuple[float, float]]:
-        """Where each amplitude is sought; one that the records do not see (the turbulent part of a line in which the oil
-        hardly moves) stays neutral."""
-        found = {}
-        for number in self.candidate.vanishing:
-            scales = [self._scale(g) for g in self.guesses if number.name in g.along]
-            if not scales and self.guesses:
-                continue
-            widest = WIDE * max(scales, default=1.0)
-            low = number.neutral - widest if number.low is None else max(number.low, number.neutral - widest)
-            high = number.neutral + widest
-            found[number.name] = (low, high if number.high is None else min(high, number.high))
-        return found
-
-    @property
-    def _neutral(self) -> dict[str, float]:
-        """The amplitudes that are sought, each with the value at which the effect is absent."""
-        return {n.name: n.neutral for n in self.candidate.vanishing if n.name in self.ranges}
-
-    def _plans(self) -> list[_Plan]:
-        problem = self.base.problem
-        inside = np.clip(self.base.inner, problem.low, problem.high)
-        neutral = self._neutral
-        vanishing = list(neutral)
-        # amplitudes that a guess does not move begin small: from an end of its range one finds no way
-        little = {name: neutral[name] + (g.side or 1) * SMALL * self._scale(g) for g in self.guesses for name in g.along}
-        plans = []
-        for guess in sorted(self.guesses, key=lambda g: -g.gain)[:MOST_SHAPES]:
-            right = bool(vanishing) and (guess.signed or guess.z > 0)
-            size = guess.amplitude if right else (guess.side or 1) * 0.1 * self._scale(guess)
-            point = np.clip(inside + guess.step, problem.low, problem.high) if right else inside
-            numbers = {**little, **{name: neutral[name] + size for name in guess.along}, **guess.shapes}
-            # what must be above another amplitude begins there: at the same value its shapes would have no effect yet
-            numbers.update({high: APART * numbers[low] for high, low in self.candidate.orders
-                            if high in vanishing and low in vanishing})
-            plans += [_Plan(numbers, point), _Plan(numbers, problem.start)]
-        ended = {n.name: n.neutral + INSIDE * (n.high - n.neutral) for n in self.candidate.numbers
-                 if n.name in vanishing and n.high is not None}
-        if plans and ended:  # at the end of a range a law may have no slope any more
-            plans.append(_Plan({**plans[0].numbers, **ended}, problem.start))
-        if not plans:
-            for share in STARTS:
-                numbers = {name: point_of_range(low, high, share) for name, (low, high) in self.ranges.items()}
-                plans += [_Plan(numbers, inside)]
-        return [*plans, *self._larger(), *self._further(plans[0], vanishing)]
-
-    def _further(self, first: _Plan, vanishing: Sequence[str]) -> list[_Plan]:
-        """For a law of several shapes more choices of them, spread over their ranges, and of its size, to be looked at."""
-        shapes = [name for name in self.ranges if name not in vanishing]
-        if len(shapes) < 2:
-            return []
-        plans = []
-        for size, *shares in _halton(1 + len(shapes), FURTHER):
-            factor = 4 ** (size - 0.5)
-            numbers = {name: value * factor if name in vanishing else value for name, value in first.numbers.items()}
-            numbers.update({name: point_of_range(*self.ranges[name], share) for name,
-                            share in zip(shapes, shares, strict=True)})
-            for high, low in self.candidate.orders:
-                if {high, low} <= set(shapes) and numbers[high] < numbers[low]:
-                    numbers[high], numbers[low] = numbers[low], numbers[high]
-            plans.append(_Plan(numbers, first.base))
-        return plans
-
-    def _larger(self) -> list[_Plan]:
-        """Amplitudes that do as much as the whole misfit, as far as the tangent tells, and several times that, either way
-        round where both are allowed. Far from the optimum it tells neither size nor sign: a machine that has swung many
-        times out of step with the record swings no further out of it."""
-        best = sorted(self.guesses, key=lambda g: -g.gain)
-        shapes = list({tuple(g.shapes.values()): g.shapes for g in best}.values())[:MOST_SHAPES]
-        scales = {n: max((self._scale(g) for g in best if n.name in g.along), default=0.0)
-                  for n in self.candidate.vanishing}
-        inside = np.clip(self.base.inner, self.base.problem.low, self.base.problem.high)
-        return [_Plan({**at, **{n.name: n.neutral + (side if may_be_below_neutral(n) else 1) * size * scale
-                                for n, scale in scales.items()}}, inside)
-                for at in shapes for side in admissible_sides(self.candidate.vanishing) for size in LARGER] if scales else []
-
     def _freed(self, changed: Experiment, known: set[str]) -> Experiment:
         """The experiment with the candidate's numbers free as well, and inside their ranges."""
         place = next(iter(changed.records.values())).place
@@ -334,9 +225,9 @@ class _RefitProblem:
 
     def _inside(self, name: str) -> float:
         """The first guess of one of the candidate's numbers."""
-        return float(np.clip(self.plans[0].numbers[name], *self.ranges[name]))
+        return float(np.clip(self.starts.plans[0].numbers[name], *self.ranges[name]))
 
-    def _start(self, plan: _Plan) -> Array:
+    def _start(self, plan: Plan) -> Array:
         """A plan as a point of the problem."""
         there = {(c.free.name, c.record): v for c, v in zip(self.base.problem.columns, plan.base, strict=True)}
         start: Array = np.array([there[c.free.name, c.record] if (c.free.name, c.record) in there else
@@ -425,7 +316,7 @@ class _RefitProblem:
 
     def begin(self, least: float, progress: Progress) -> list[Descent]:
         """The first steps from the best starts, that which leaves least first; none where no start can be simulated."""
-        starts = [self._start(plan) for plan in self.plans]
+        starts = [self._start(plan) for plan in self.starts.plans]
         number = 3 if len(starts) > FURTHER else 2
         costs: list[float] = []
         for start in starts:  # a run is ended where it can no longer be among the best
@@ -437,8 +328,8 @@ class _RefitProblem:
         nothing = self._nothing if least < DECISION.mainly * self.base.cost else np.inf
         enough = stop_inferior_starts(self.problem.high - self.problem.low, least, nothing)
         found = [self.descend(start, progress, FIRST, 1e-4, enough=enough) for start in chosen]
-        if all(2 * e.cost > self.base.cost for e in found) and (beside := self._beside()) is not None:
-            found.append(self.descend(beside, progress, FIRST, 1e-4, enough=enough))
+        if all(2 * e.cost > self.base.cost for e in found) and (beside := self.starts.beside) is not None:
+            found.append(self.descend(self._start(beside), progress, FIRST, 1e-4, enough=enough))
         return sorted(found, key=lambda e: e.cost)
 
     def follow(self, begun: Sequence[Descent], progress: Progress) -> Array:
@@ -461,15 +352,6 @@ class _RefitProblem:
         r = self.base.r
         whole = float(r @ r)
         return (1 - NOTHING) * whole if whole > LARGE * len(r) else np.inf
-
-    def _beside(self) -> Array | None:
-        """A start next to the base model, from where a refit cannot end above it; None where the effect has no zero."""
-        if not self._neutral or not self.guesses:
-            return None
-        first = self.plans[0].numbers
-        small = {name: neutral + SMALL * (first[name] - neutral) for name, neutral in self._neutral.items()}
-        inside = np.clip(self.base.inner, self.base.problem.low, self.base.problem.high)
-        return self._start(_Plan({**first, **small}, inside))
 
     def descend(self, start: Array, progress: Progress, most: int, tolerance: float,
                 method: Literal["trf", "dogbox"] = "trf", enough: Enough = stop_stalled) -> Descent:
