@@ -96,7 +96,7 @@ NO_EFFECT = {
     "MappedPump": MEASURED, "TabulatedValve": MEASURED, "Ejector": MEASURED, "OilCooler": MEASURED,
     "CavitatingVolume": "it is the effect itself, drawn", "HeightDifference": VALUES,
     "Bend": "another loss would be another angle of the bend", "Tee": VALUES,
-    "GasAccumulatorWithHeat": VALUES, "OilVolume": VALUES, "OilOrifice": VALUES, "SoftStartValve": VALUES,
+    "OilVolume": VALUES, "OilOrifice": VALUES, "SoftStartValve": VALUES,
     "PressedFriction": "it is the effect itself, drawn", "RigidStop": VALUES, "RotationalRigidStop": VALUES,
     "Diode": VALUES, "ElectricalSwitch": VALUES, "AveragedInverter": VALUES, "HalfBridge": VALUES,
     "Cam": ATTACHED, "WormGear": ATTACHED, "PlanarBody": ATTACHED, "RevoluteJoint": ATTACHED, "RigidLink": ATTACHED,
