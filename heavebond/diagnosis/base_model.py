@@ -7,7 +7,7 @@ changed diagrams, so that the errors of the two integrations cancel.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -39,8 +39,7 @@ def searched(experiment: Experiment, tolerances: Tolerances = SEARCH) -> Residua
 
 def finer(problem: Residuals) -> Residuals:
     """The same problem with runs that err by less."""
-    now = problem.runs[0].simulator.tolerances
-    then = replace(now, rtol=FINER * now.rtol, atol=FINER * now.atol)
+    then = problem.runs[0].simulator.tolerances.scaled(FINER)
     return Residuals(problem.experiment, runs=[run.again(run.names, {}, QuickSimulator, then) for run in problem.runs])
 
 

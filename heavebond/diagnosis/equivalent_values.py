@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
@@ -81,8 +80,7 @@ def _beside_finely(base: Base, score: Score, name: str) -> float:
 
 def _finely(runs: Sequence[Run], sizes: Mapping[str, float]) -> list[Run]:
     """The runs with a hundredth of their tolerances, whose error control knows how large amplitudes are."""
-    return [run.again(run.names, sizes, QuickSimulator, replace(now, rtol=FINELY * now.rtol, atol=FINELY * now.atol))
-            for run in runs for now in [run.simulator.tolerances]]
+    return [run.again(run.names, sizes, QuickSimulator, run.simulator.tolerances.scaled(FINELY)) for run in runs]
 
 
 def _unit(columns: Mapping[str, Array]) -> dict[str, Array]:
