@@ -25,6 +25,7 @@ from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
 from heavebond.diagnosis.experiment_design import AdditionalSensor
 from heavebond.diagnosis.fixed_values import fixed_values
+from heavebond.diagnosis.full_runs import at_fit
 from heavebond.diagnosis.ladder import ladder_entry as rung_of
 from heavebond.diagnosis.ranking import BY_KEY, COLUMNS, JUDGEMENTS, as_dicts, entries
 from heavebond.diagnosis.refit import Refit
@@ -35,6 +36,7 @@ from heavebond.estimation.fitting import Fitted, fit
 from heavebond.language.model import load, loads
 from heavebond.localise.curves import Curve, Variable
 from heavebond.numerics.simulation import simulate
+from heavebond.text.syntax import Binary
 
 pytestmark = pytest.mark.long
 
@@ -205,6 +207,24 @@ def test_a_gauge_that_reads_too_much_is_no_other_start(tmp_path: Path) -> None:
     said = found(tmp_path, "receiver", [("SensorGain in the channel receiver.p", 0.05)], classes)
     assert said.verdict == "effect" and not said.started
     assert said.findings[0].candidate.label == "SensorGain in the channel receiver.p"
+
+
+def test_a_sensor_that_counts_the_other_way_is_a_gain_below_zero(tmp_path: Path) -> None:
+    # the fit to it drives all that is free to the ends of the ranges: the way to the right values begins at the given ones
+    given = Hidden(replace(RIGS["passive"], seconds=60.0), [], "test", tmp_path).case([]).experiment
+    reach = given.outputs["extension"]
+    assert isinstance(reach.shown.expr, Binary) and reach.shown.text == "crown.x - platform.x"
+    turned = replace(reach.shown, expr=replace(reach.shown.expr, left=reach.shown.expr.right, right=reach.shown.expr.left),
+                     text="platform.x - crown.x")
+    wrong = replace(given, outputs={**given.outputs, "extension": replace(reach, shown=turned)})
+    said = diagnose(wrong, classes=["sensor gain", "delay"], number=1)
+    assert said.verdict == "effect" and len(said.findings) == 1
+    (turn,) = said.findings[0].parameters
+    assert turn.name.endswith(".e") and turn.value == pytest.approx(-2.0, abs=1e-3)  # noise of 1 mm beside 0.6 m
+    assert said.ladder[1].chi2_held_out > 1e4 and said.ladder[-1].chi2_held_out == pytest.approx(1, abs=0.15)
+    assert said.fitted is not None
+    first = {p.name: p.before for p in said.fitted.parameters}
+    assert {name: free.given for name, free in at_fit(wrong, said.fitted).free.items()} == first
 
 
 def test_where_the_largest_scores_mislead_everything_is_refitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

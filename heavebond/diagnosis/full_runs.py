@@ -44,10 +44,12 @@ def first_entries(experiment: Experiment, base: Fit | None, before: Comparison |
 
 
 def at_fit(experiment: Experiment, fitted: Fit | None) -> Experiment:
-    """The experiment with the fitted values in its diagram."""
+    """The experiment with the fitted values in its diagram; what is free keeps the value that was written there."""
     if fitted is None:
         return experiment
-    return replace(experiment, model=experiment.model.with_parameters(fitted.values))
+    before = {p.name: p.before for p in fitted.parameters}
+    free = {name: replace(f, given=before.get(name)) if f.given is None else f for name, f in experiment.free.items()}
+    return replace(experiment, model=experiment.model.with_parameters(fitted.values), free=free)
 
 
 def confirmed(added: SelectedEffect, given: Experiment, seconds: float = inf, before: Comparison | None = None,

@@ -316,7 +316,7 @@ class _RefitProblem:
 
     def begin(self, least: float, progress: Progress) -> list[Descent]:
         """The first steps from the best starts, that which leaves least first; none where no start can be simulated."""
-        starts = [self._start(plan) for plan in self.starts.plans]
+        starts = list({start.tobytes(): start for start in map(self._start, self.starts.plans)}.values())
         number = 3 if len(starts) > FURTHER else 2
         costs: list[float] = []
         for start in starts:  # a run is ended where it can no longer be among the best

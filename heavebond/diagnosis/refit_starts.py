@@ -81,6 +81,7 @@ class RefitStarts:
     def _plans(self) -> list[Plan]:
         problem = self.base.problem
         inside = np.clip(self.base.inner, problem.low, problem.high)
+        given = np.clip(problem.given, problem.low, problem.high)
         neutral = self._neutral
         vanishing = list(neutral)
         # amplitudes that a guess does not move begin small: from an end of its range one finds no way
@@ -94,11 +95,11 @@ class RefitStarts:
             # what must be above another amplitude begins there: at the same value its shapes would have no effect yet
             numbers.update({high: APART * numbers[low] for high, low in self.candidate.orders
                             if high in vanishing and low in vanishing})
-            plans += [Plan(numbers, point), Plan(numbers, problem.start)]
+            plans += [Plan(numbers, point), Plan(numbers, given)]
         ended = {n.name: n.neutral + INSIDE * (n.high - n.neutral) for n in self.candidate.numbers
                  if n.name in vanishing and n.high is not None}
         if plans and ended:  # at the end of a range a law may have no slope any more
-            plans.append(Plan({**plans[0].numbers, **ended}, problem.start))
+            plans.append(Plan({**plans[0].numbers, **ended}, inside))
         if not plans:
             for share in STARTS:
                 numbers = {name: point_of_range(low, high, share) for name, (low, high) in self.ranges.items()}

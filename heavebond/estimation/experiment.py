@@ -79,12 +79,14 @@ class Output:
 
 @dataclass(frozen=True)
 class Free:
-    """A parameter, or `initial.NAME`, that may move within a range when fitting; `each` record has its own value."""
+    """A parameter, or `initial.NAME`, that may move within a range when fitting; `each` record has its own value. `given` is
+    its value in the diagram as it was written (SI), where the diagram holds a fitted one."""
 
     name: str
     range: Range
     place: Place
     each: bool = False
+    given: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

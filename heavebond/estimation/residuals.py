@@ -282,6 +282,11 @@ class Residuals:
         """The values of the diagram."""
         return np.array([c.inner(c.before) for c in self.columns])
 
+    @property
+    def given(self) -> Array:
+        """The values of the diagram as it was written, before a fit."""
+        return np.array([c.inner(c.before if c.free.given is None else c.free.given) for c in self.columns])
+
     def starting_points(self, number: int, seed: int) -> list[Array]:
         """The diagram's values, then points of a Latin hypercube within the bounds."""
         points = [self.start]
