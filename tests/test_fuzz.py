@@ -9,11 +9,12 @@ import json
 import re
 import sys
 from pathlib import Path
+from time import process_time
 
 import pytest
 
 from benchmarks.fuzz import __main__ as command
-from benchmarks.fuzz.campaign import Judge, patiently, smallest
+from benchmarks.fuzz.campaign import Judge, patiently, renew_limit, smallest
 from benchmarks.fuzz.diagrams import Diagram, Part, diagram
 from benchmarks.fuzz.judging import FAULTS, Verdict, judge
 
@@ -84,6 +85,23 @@ def test_a_diagram_that_takes_too_long_is_a_hang_and_the_next_is_judged(
     assert judged(7, rig.shortened(0.5).text()).outcome == "ran"
     assert (found := patiently(judged, rig)).outcome == "long"
     assert found.what == "ran"
+    judged.close()
+
+
+@pytest.mark.slow
+def test_each_step_that_renews_the_limit_has_all_of_it() -> None:
+    def steps(number: int, renewed: bool) -> str:
+        for _ in range(number):
+            began = process_time()
+            while process_time() - began < 0.8:
+                pass
+            if renewed:
+                renew_limit()
+        return "done"
+
+    judged = Judge(1.0, steps, lambda task, outcome, what, seconds: outcome)  # s; the kernel counts whole ones
+    assert judged(4, True) == "done"
+    assert judged(4, False) == "hang"
     judged.close()
 
 

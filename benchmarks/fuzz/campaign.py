@@ -16,13 +16,21 @@ RENEW = 500  # diagrams after which a worker is renewed: CasADi keeps what it co
 # a worker that sleeps is ended after so many times the limit by the clock; a busy machine may give it a small share
 ASLEEP = 30
 BRIEF = 1e-3
+_limits: list[float] = []  # of the process that judges
 
 
-def _serve(pipe: Connection, limit: float, judged: Callable[..., Any] | None) -> None:
-    while (task := pipe.recv()) is not None:
+def renew_limit() -> None:
+    """Begin the time anew in which the process that judges must be done; nothing in any other process."""
+    for limit in _limits:
         # the kernel ends the process, wherever it computes
         spent = resource.getrusage(resource.RUSAGE_SELF)
         resource.setrlimit(resource.RLIMIT_CPU, (int(spent.ru_utime + spent.ru_stime + limit) + 1, resource.RLIM_INFINITY))
+
+
+def _serve(pipe: Connection, limit: float, judged: Callable[..., Any] | None) -> None:
+    _limits[:] = [limit]
+    while (task := pipe.recv()) is not None:
+        renew_limit()
         pipe.send((judged or judge)(*task))
 
 
@@ -31,7 +39,8 @@ def _unfinished(task: tuple[int, str], outcome: str, what: str, seconds: float) 
 
 
 class Judge:
-    """A process that judges one diagram after the other, each within `limit` seconds of processor time.
+    """A process that judges one diagram after the other, each within `limit` seconds of processor time, or each step of what
+    is tried with it where these renew the limit.
 
     It is a copy of this one, with everything imported and the library read, so that a new one costs nothing. The function
     that judges may be another one; `fault` makes the verdict on a task that was not finished (task, outcome, what, seconds).

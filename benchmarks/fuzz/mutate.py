@@ -33,7 +33,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20_000)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--limit", type=float, default=20.0, help="seconds of processor time for one mutant")
+    parser.add_argument("--limit", type=float, default=20.0, help="seconds of processor time for each step of a mutant")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so long")
     parser.add_argument("--results", type=Path, default=HERE / "mutants.jsonl")
     parser.add_argument("--summary", type=Path, help="write the counts of all results to this file, and stop")

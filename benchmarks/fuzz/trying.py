@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 import heavebond as hb
+from benchmarks.fuzz.campaign import renew_limit
 from benchmarks.fuzz.judging import WRONG, violation
 from benchmarks.fuzz.mutants import Mutant, kind_of, mutant
 from heavebond.core.errors import HeavebondError
@@ -131,6 +132,7 @@ class _Attempts:
             self._try("compare", lambda: _compared(self.path, assembly, self.share))
 
     def _try(self, name: str, step: Callable[[], object]) -> object:
+        renew_limit()
         try:
             found = step()
         except HeavebondError as error:
@@ -149,6 +151,7 @@ class _Attempts:
         from benchmarks.fuzz.metamorphic import DIFFERENCES, compared
         from benchmarks.fuzz.relations import RELATIONS
 
+        renew_limit()
         for found in compared(self.path, tuple(Random(seed).sample(sorted(RELATIONS), RELATED)), seed):
             outcome = "different" if found.outcome in DIFFERENCES else found.outcome
             self.steps[found.relation] = outcome, f"{found.relation}: {found.what}"
