@@ -22,7 +22,8 @@ SWEEPS, STARTS = 6, 5
 MOST_MOVED = 40  # larger sheets are not improved: each sweep tries every pair; parts stand beside what they are joined to
 NEIGHBOURS = 6
 Cell = tuple[int, int]
-Known = dict[tuple[object, ...], float]  # the cost of a wire between two ports, so far apart and so turned
+# the cost of a wire between two ports: by the pair, and by how they are turned and how far they are apart
+Known = dict[tuple[str, str, str, str], dict[tuple[Matrix, Matrix, int, int], float]]
 Place = tuple[int, int, str]  # x, y, side
 
 
@@ -111,6 +112,7 @@ class _Search:
         for k, net in enumerate(self.nets):
             for name in dict.fromkeys(n for n, _ in net):
                 self.of[name].append(k)
+        self.on_edge = [p.name for p in pieces if p.side]
         self.shapes: dict[tuple[str, Matrix], Shape] = {}
         self.costs = known
         self.cells: dict[str, Cell] = {}
@@ -270,7 +272,7 @@ class _Search:
         """What the nets of some pieces cost, their distance from the rest, and a little for height: paper is wide. From
         `most` on it need not be known by how much it is more: all parts of a cost are above zero."""
         total = 0.0
-        for k in dict.fromkeys(k for name in names for k in self.of[name]):
+        for k in self.of[names[0]] if len(names) == 1 else dict.fromkeys(k for name in names for k in self.of[name]):
             total += self._net_cost(k)
             if total >= most:
                 return total
@@ -278,17 +280,18 @@ class _Search:
             if name in self.cells and not self.pieces[name].side:
                 c, r = self.cells[name]
                 total += FAR * (abs(c) * PITCH_X + 2 * abs(r) * PITCH_Y) + BEFORE * (max(0, -c) + max(0, -r))
-                total += sum(BETWEEN for other, cell in self.cells.items() if self._beyond_edge(other, cell, (c, r)))
+                total += sum(BETWEEN for other in self.on_edge if self._beyond_edge(other, (c, r)))
         return total
 
-    def _beyond_edge(self, other: str, edge: Cell, cell: Cell) -> bool:
-        side = self.pieces[other].side
-        return bool(side) and {"left": cell[0] <= edge[0], "right": cell[0] >= edge[0], "top": cell[1] <= edge[1],
-                               "bottom": cell[1] >= edge[1]}[side]
+    def _beyond_edge(self, other: str, cell: Cell) -> bool:
+        edge = self.cells.get(other)
+        return edge is not None and {"left": cell[0] <= edge[0], "right": cell[0] >= edge[0], "top": cell[1] <= edge[1],
+                                     "bottom": cell[1] >= edge[1]}[self.pieces[other].side]
 
     def _net_cost(self, k: int) -> float:
         """The length of a tree over the placed terminals, bends and parts in between counted in."""
-        return sum(cost for cost, _, _ in self._tree(self._ends(k)))
+        ends = self._ends(k)
+        return self._pair(*ends) if len(ends) == 2 else sum(cost for cost, _, _ in self._tree(ends))
 
     def _ends(self, k: int) -> list[tuple[str, str]]:
         return [end for end in self.nets[k] if end[0] in self.cells]
@@ -299,8 +302,10 @@ class _Search:
         left, found, j = list(range(1, len(ends))), [], 0
         while left:
             for i in left:
-                reach[i] = min(reach[i], (self._pair(ends[j], ends[i]), j))
-            j = min(left, key=lambda i: reach[i])
+                way = self._pair(ends[j], ends[i]), j
+                if way < reach[i]:
+                    reach[i] = way
+            j = min(left, key=reach.__getitem__)
             left.remove(j)
             found.append((reach[j][0], reach[j][1], j))
         return found
@@ -323,18 +328,22 @@ class _Search:
 
     def _pair(self, one: tuple[str, str], two: tuple[str, str]) -> float:
         """The cost of the cheapest wire between two ports, with what stands in between."""
-        a, b = self.cells[one[0]], self.cells[two[0]]
+        (name, port), (other, at) = one, two
+        (x, y), (u, v) = self.cells[name], self.cells[other]
         # it depends on how far apart the two are, not on where they are: most of it was worked out before
-        key = one, self.turns[one[0]], two, self.turns[two[0]], b[0] - a[0], b[1] - a[1]
-        cost = self.costs.get(key)
+        known = self.costs.setdefault((name, port, other, at), {})
+        key = self.turns[name], self.turns[other], u - x, v - y
+        cost = known.get(key)
         if cost is None:
-            cost = self.costs[key] = self._nearest(one, two)[0]
-        if a[1] == b[1]:
-            low, high = sorted((a[0], b[0]))
-            cost += BETWEEN * sum((c, a[1]) in self.taken for c in range(low + 1, high))
-        elif a[0] == b[0]:
-            low, high = sorted((a[1], b[1]))
-            cost += BETWEEN * sum((a[0], r) in self.taken for r in range(low + 1, high))
+            cost = known[key] = self._nearest(one, two)[0]
+        if y == v:
+            for c in range(min(x, u) + 1, max(x, u)):
+                if (c, y) in self.taken:
+                    cost += BETWEEN
+        elif x == u:
+            for r in range(min(y, v) + 1, max(y, v)):
+                if (x, r) in self.taken:
+                    cost += BETWEEN
         return cost
 
     def _places(self, name: str, port: str) -> list[tuple[Place, float]]:
