@@ -327,7 +327,7 @@ class _Reader:
             if isinstance(item, Scalar):
                 continue  # it takes over another one's record
             entry = reading.mapping(item, f"input '{name}'", self.problems)
-            given = reading.file_input(entry, self.source, self.problems, file=False) if entry is not None else None
+            given = reading.file_input(entry, self.source, self.problems, name, file=False) if entry is not None else None
             if given is not None and entry is not None:
                 noise = self._noise(entry.items.get("noise"), given.unit)
                 found[name] = replace(given, place=key.place, noise=noise or 0.0)

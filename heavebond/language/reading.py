@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
-from heavebond.core.errors import HeavebondError, Place, Problems, nearest, suggest
+from heavebond.core.errors import HeavebondError, Place, Problems, listing, nearest, suggest
 from heavebond.core.units import Unit, UnitProblem, check_unit, generic_unit, parse_quantity, read_unit
 from heavebond.language.definition import Body, End, FileInput, Formula, Instance, Value, Wire
 from heavebond.language.renamed_keys import present
@@ -204,12 +204,19 @@ def _unmarked(content: str, what: str) -> tuple[str, str, str]:
         f"A formula begins with `=`: `={content}`."
 
 
-def file_input(node: Mapping, source: Source, problems: Problems, *, file: bool = True) -> FileInput | None:
+def file_input(node: Mapping, source: Source, problems: Problems, what: str, *, file: bool = True) -> FileInput | None:
     """`{file: heave.csv, column: z, unit: m, interpolation: spline}`; the file is beside the file that names it. Without
     `file`, of an experiment, it may have `noise`, which is left to the caller."""
     node = present(node, "input", problems)
-    known_keys(node, ["file", "column", "unit", "interpolation", "time", "gaps", *([] if file else ["noise"])],
-               "an input from a record", problems,
+    keys = ["file", "column", "unit", "interpolation", "time", "gaps", *([] if file else ["noise"])]
+    if node.items and not any(nearest(name, keys) for name in node.items):
+        keyed = f"`{{{listing(node.items)}}}`"
+        problems.add("not-a-quantity", f"{what}: {keyed} is neither a quantity nor an input from a record", node.place,
+                     hint="Write a quantity, `42 kN/m`, or a record, `{file: name.csv, column: name, unit: mm, "
+                     "interpolation: spline}`. Initial values have a section of their own in the diagram: "
+                     "`initial: {NODE.x: 0 mm}`.")
+        return None
+    known_keys(node, keys, "an input from a record", problems,
                required=[*(["file"] if file else []), "column", "unit", "interpolation"])
     between = node.items.get("interpolation")
     if isinstance(between, Scalar) and between.text not in INTERPOLATIONS:
@@ -338,7 +345,7 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems) -> Ins
         elif isinstance(item, Mapping) and "values" in item.items:
             settings.update(column_values(item, name, source, problems))
         elif isinstance(item, Mapping):
-            read = file_input(item, source, problems)
+            read = file_input(item, source, problems, f"{key.text}.{name}")
             if read:
                 settings[name] = read
         elif isinstance(item, Sequence):

@@ -67,7 +67,7 @@ def read_settings(node: Node | None, source: Source, problems: Problems) -> dict
         if isinstance(item, Mapping) and "values" in item.items:
             found.update({k: Setting(k, v, place) for k, v in reading.column_values(item, path, source, problems).items()})
         elif isinstance(item, Mapping):
-            if (record := reading.file_input(item, source, problems)) is not None:
+            if (record := reading.file_input(item, source, problems, path)) is not None:
                 found[path] = Setting(path, record, place)
         elif isinstance(item, Sequence):
             found.update({k: Setting(k, v, place) for k, v in reading.elements(item, path, path, problems).items()})
