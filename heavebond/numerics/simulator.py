@@ -276,7 +276,7 @@ class Simulator:
             return self._trace(x[:, None], z[:, None], np.zeros((self.integrals, 1)), {})
         self._check_rates(assembly, first)
         attempt = self.attempt if self.switching is None else self.switching.run
-        failed, said = "", ""
+        failed = ""
         with caught_errors() as heard:
             try:
                 found = attempt(first, moved)
@@ -288,11 +288,7 @@ class Simulator:
             check()
             if "KeyboardInterrupt" in said:  # CasADi makes it a failure of the right side
                 raise KeyboardInterrupt
-            said = failed + "\n" + said
-            stopped = SimulationError([Problem("integration-failed", stop_message(self._stop_time(stop_times(said))),
-                                               notes=(reason(said),))])
-            self._unexplained = stopped, assembly, first, said
-            raise self.explained(stopped) if self.explains else stopped
+            raise self._failure(assembly, first, failed + "\n" + said)
         return found
 
     def _check_rates(self, assembly: Assembly, first: Start) -> None:
@@ -309,6 +305,13 @@ class Simulator:
 
     explains = True  # whether the reason is looked for as soon as a run fails: it takes further runs
     _unexplained: tuple[SimulationError, Assembly, Start, str] | None = None  # the last
+
+    def _failure(self, assembly: Assembly, first: Start, said: str) -> HeavebondError:
+        """The error of a run that stopped, of which the integrator `said` this."""
+        stopped = SimulationError([Problem("integration-failed", stop_message(self._stop_time(stop_times(said))),
+                                           notes=(reason(said),))])
+        self._unexplained = stopped, assembly, first, said
+        return self.explained(stopped) if self.explains else stopped
 
     def explained(self, error: HeavebondError) -> HeavebondError:
         """An error of the last run with its reason, where that was not looked for."""
