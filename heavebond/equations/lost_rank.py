@@ -146,14 +146,15 @@ class _Matrix:
 
     def _sizes(self) -> Array:
         """The usual sizes of the unknowns; of one whose unit no domain knows (a compressibility) its value, or what stands
-        beside it in its equations where that is no more than rounding (a lever arm in the middle of its stroke)."""
+        beside it in its equations where that is zero (a leakage that is absent) or no more than rounding (a lever arm in the
+        middle of its stroke)."""
         flat, sizes = self.system.flat, self.system.sizes.copy()
         known = {m.unit.dimension for d in flat.expanded.model.library.domains.values() for m in d.members.values()}
         values = {s.element_hash(): abs(v) for s, v in zip(self.system.symbols, self.at, strict=True)}
         for k, (j, order) in enumerate(self.system.columns):
             if flat.unknowns[j].unit.dimension not in known:
                 own = values.get(flat.levels[0][j].element_hash() if order == 0 else 0, 0.0)
-                beside = self._beside(k, sizes) if 0 < own < SMALL else 0.0
+                beside = self._beside(k, sizes) if own < SMALL else 0.0
                 sizes[k] = (beside if own < SMALL * beside else own) or sizes[k]
         return sizes
 
@@ -237,8 +238,10 @@ class _Matrix:
         near = np.isin(self.row, taking_rows) & np.isin(self.column, taking_columns)
         involved = {s.element_hash() for s in ca.symvar(stack([system.nonzeros[k] for k in np.flatnonzero(near)]))}
         # a value that its own column is counted in is not small
-        scaled = {system.flat.unknowns[j].name for k, (j, _) in enumerate(system.columns)
-                  if self.sizes[k] != system.sizes[k]}
+        values = {s.element_hash(): v for s, v in zip(system.symbols, self.at, strict=True)}
+        scaled = {system.flat.unknowns[j].name for k, (j, order) in enumerate(system.columns)
+                  if self.sizes[k] != system.sizes[k] and not (
+                      order == 0 and values.get(system.flat.levels[0][j].element_hash()) == 0)}
         repairing: list[tuple[str, bool, float]] = []
         for k, symbol in enumerate(system.symbols):
             if symbol.element_hash() in involved and symbol.element_hash() in system.names and len(rows) and len(columns):
