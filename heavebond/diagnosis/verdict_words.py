@@ -193,7 +193,7 @@ def _yardstick(adequacy: Adequacy) -> list[str]:
     elif not adequacy.decided:
         inside = "it could not be determined how much of the held-out motion lies" if math.isnan(adequacy.covered) else \
             f"only {number(100 * adequacy.covered, 2)} % of the held-out motion lies"
-        lines.append(f"Whether another law there would explain more is not decided: {inside} inside the motion that a "
+        lines.append(f"Whether another law there would explain more is not decided: {inside} inside the motion that an "
                      "identified curve was fitted to.")
     elif not adequacy.beaten:
         lines.append("An identified curve at this place does not explain much more (held-out chi-square per sample "
