@@ -237,11 +237,9 @@ class _Matrix:
         taking_rows, taking_columns = (np.flatnonzero(_taking_part(d).any(axis=0)) for d in (left, right))
         near = np.isin(self.row, taking_rows) & np.isin(self.column, taking_columns)
         involved = {s.element_hash() for s in ca.symvar(stack([system.nonzeros[k] for k in np.flatnonzero(near)]))}
-        # a value that its own column is counted in is not small
-        values = {s.element_hash(): v for s, v in zip(system.symbols, self.at, strict=True)}
-        scaled = {system.flat.unknowns[j].name for k, (j, order) in enumerate(system.columns)
-                  if self.sizes[k] != system.sizes[k] and not (
-                      order == 0 and values.get(system.flat.levels[0][j].element_hash()) == 0)}
+        # a value that its own column is counted in is not small, unless it is zero
+        scaled = {system.flat.unknowns[j].name for k, (j, _) in enumerate(system.columns)
+                  if self.sizes[k] != system.sizes[k]}
         repairing: list[tuple[str, bool, float]] = []
         for k, symbol in enumerate(system.symbols):
             if symbol.element_hash() in involved and symbol.element_hash() in system.names and len(rows) and len(columns):
@@ -253,7 +251,8 @@ class _Matrix:
                 moved = np.where(np.isfinite(moved), moved, 0.0)
                 restored = left[:, self.row[near]] * moved @ right[:, self.column[near]].T
                 if np.abs(restored).max() > max(1e-6 * np.abs(moved).max(), ROUNDING):
-                    is_zero = bool(abs(self.at[k]) <= np.sqrt(self.tolerance) * size) and name not in scaled
+                    is_zero = bool(abs(self.at[k]) <= np.sqrt(self.tolerance) * size) \
+                        and (self.at[k] == 0 or name not in scaled)
                     if self.tolerance > LOST and self.at[k] == 0:
                         continue  # the rank is not lost yet, so that what is zero already is not what is going there
                     repairing.append((name, is_zero, float(np.abs(restored).max())))
