@@ -97,12 +97,8 @@ __all__ = [
 # what other packages call it
 _ELSEWHERE = {"run": "simulate", "integrate": "simulate", "read": "load", "open": "load", "optimise": "tune",
               "optimize": "tune", "estimate": "fit", "identify": "fit", "linearise": "state_space",
-              "linearize": "state_space", "localise": "localize", "energy": "audit", "plot": "draw",
+              "linearize": "state_space", "localise": "localize", "where": "localize", "energy": "audit", "plot": "draw",
               "margins": "loop_margins"}
-
-
-# former names
-_FORMER = {"where": "localize", "Where": "Localization", "Task": "TuningProblem"}
 
 
 def __dir__() -> list[str]:
@@ -110,8 +106,6 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> object:
-    if name in _FORMER:
-        return __getattr__(_FORMER[name])
     if name not in _MODULE_OF:
         from difflib import get_close_matches
 

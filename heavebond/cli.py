@@ -38,11 +38,6 @@ NAMES = ("check", "draw", "run", "plot", "animate", "compare", "fit", "localize"
          "tune", "study", "sweep", "signal", "modes", "linear", "energy", "sensitivity", "check-gradient", "library", "demo",
          "export", "import", "schema", "new", "studio")
 FUNCTIONS = {"try": "try_effect", "check-gradient": "check_gradient", "import": "import_model"}
-# other names of commands, and former names of their options, which warn
-ALIASES = {"where": "localize", "ladder": "errors"}
-FORMER_OPTIONS = {"plot": {"--to": "--until"}, "sweep": {"--to": "--until"}, "signal": {"--to": "--until"},
-                  "sensitivity": {"--to": "--parameter"}, "check-gradient": {"--to": "--parameter"},
-                  "diagnose": {"--auto": "--steps=5"}}
 SERVING = ("studio",)  # commands that go on until they are ended: no lines of progress
 FINE, AT_FAULT, WRONG_USAGE, OWN_FAULT, SIGNALLED = 0, 1, 2, 70, 128
 
@@ -79,12 +74,9 @@ class CommandTable(MutableMapping[str, click.Command]):
 class Commands(click.Group):
     """A group that ends every run itself: problems printed without a traceback, an exit code, the JSON file."""
 
-    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        return super().get_command(ctx, ALIASES.get(name, name))
-
     def resolve_command(self, ctx: click.Context, args: list[str]
                         ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args and not args[0].startswith("-") and args[0] not in self.commands and args[0] not in ALIASES:
+        if args and not args[0].startswith("-") and args[0] not in self.commands:
             raise UsageError([Problem("command-unknown", f"there is no command '{args[0]}'", None, suggest(
                 args[0], self.commands) or f"Commands: {', '.join(self.commands)}.")])
         return super().resolve_command(ctx, args)
@@ -101,21 +93,19 @@ class Commands(click.Group):
             self._main(args, prog_name)
 
     def _main(self, args: Sequence[str] | None, prog_name: str | None) -> NoReturn:
-        from heavebond.core.renamed import RenamedKey, collecting, message
         from heavebond.numerics.run_verdict import listening
 
         given = list(sys.argv[1:] if args is None else args)
-        command = next((word for word in given if word in self.commands or word in ALIASES), "")
+        command = next((word for word in given if word in self.commands), "")
         problems: list[Problem] = []
         figures: dict[str, object] = {}
         heard: list[tuple[str, Verdict]] = []
-        renamed: list[RenamedKey] = []
         try:
             if path := json_path(given):
                 check_writable(Path(path))
             words = "" if command in SERVING else command or "heavebond"
-            with listening() as heard, collecting() as renamed, progress_lines(words):
-                code, figures = self._run(present_options(command, given), prog_name)
+            with listening() as heard, progress_lines(words):
+                code, figures = self._run(given, prog_name)
         except HeavebondError as error:
             problems, figures = list(error.problems), error.figures
             code = WRONG_USAGE if isinstance(error, UsageError) else AT_FAULT
@@ -132,8 +122,6 @@ class Commands(click.Group):
         except Exception as error:
             problems, code = _interrupted() if is_interrupt(error) else ([own_fault(error, given)], OWN_FAULT)
         try:
-            if renamed:
-                warn(f"warning: {message(renamed)}")
             if heard:
                 code, problems, figures = _judged(heard, code, problems, figures)
             code = _end(given, command, code, problems, figures)
@@ -234,23 +222,6 @@ def _write(given: list[str], command: str, code: int, problems: list[Problem], f
     except OSError as error:
         return Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")
     return None
-
-
-def present_options(command: str, given: Sequence[str]) -> list[str]:
-    """The words of a command with its options under their present names; UsageError where an option has both names."""
-    former, found = FORMER_OPTIONS.get(command, {}), list(given)
-    for k, word in enumerate(given[:given.index("--")] if "--" in given else given):
-        old, sign, value = word.partition("=")
-        if old not in former:
-            continue
-        new = former[old]
-        name = new.partition("=")[0]
-        if any(other == name or other.startswith(f"{name}=") for other in given):
-            raise UsageError([Problem("option-renamed", f"{old} is the former name of {new}, and {name} is given too", None,
-                                      f"Leave {old} out.")])
-        warn(f"warning: {old} is now {new}. The next release reads only the new name.")
-        found[k] = new + sign + value
-    return found
 
 
 def json_path(given: Sequence[str]) -> str:

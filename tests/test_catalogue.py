@@ -11,7 +11,7 @@ import pytest
 
 from heavebond.diagnosis.catalogue import Candidate, single_candidates
 from heavebond.estimation.comparison import assemble_for
-from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.experiment import Experiment, changed_experiment, load_experiment
 from heavebond.language.library import effect_classes, library, same_class
 from heavebond.language.model import loads
 from heavebond.numerics.simulation import simulate
@@ -76,7 +76,7 @@ def test_each_way_of_attaching_makes_a_diagram_that_assembles(found: dict[str, l
     record = experiment.records["train"]
     for way in ("in", "across", "at", "in series", "input", "channel", "replaces"):
         candidate = next(c for c in found["cylinder_rig/leakage"] if c.attaches == way)
-        changed = candidate.change.on_experiment(experiment)
+        changed = changed_experiment(experiment, candidate.change)
         values = assemble_for(changed, record).parameter_values
         assert all(n.name in values for n in candidate.numbers), candidate.label
 
@@ -128,7 +128,7 @@ simulate: {until: 1 s}
                         "shaft.w: {column: y, unit: rad/s, noise: 1 rad/s}")
     found = next(c for c in single_candidates(experiment)
                  if c.label == "RotationalStribeckFriction between shaft and the surroundings")
-    values = assemble_for(found.change.on_experiment(experiment), experiment.records["run"]).parameter_values
+    values = assemble_for(changed_experiment(experiment, found.change), experiment.records["run"]).parameter_values
     assert {n.name for n in found.numbers} <= set(values)
 
 
@@ -149,7 +149,7 @@ simulate: {until: 1 s}
                         "load.x: {column: y, unit: m, noise: 1 mm}")
     for label in ("SensorGain before deck.u", "FirstOrderLag before deck.u", "Delay before deck.u"):
         found = next(c for c in single_candidates(experiment) if c.label == label)
-        changed = found.change.on_experiment(experiment)
+        changed = changed_experiment(experiment, found.change)
         assembly = assemble_for(changed, experiment.records["run"])
         assert {n.name for n in found.numbers} <= set(assembly.parameter_values)
         assert [known.name for known in assembly.flat.inputs] == [f"{found.name}.u"]
@@ -196,7 +196,8 @@ time: {column: t, unit: s}
 outputs: {delivery.p: {column: p, unit: bar, noise: 0.1 bar}}
 """)
     experiment = load_experiment(tmp_path / "measured.yaml")
-    added = next(c for c in single_candidates(experiment) if c.label == label).change.on_experiment(experiment).model
+    added = next(c for c in single_candidates(experiment) if c.label == label)
+    added = changed_experiment(experiment, added.change).model
     steady = simulate(loads(RUNNING))[shown]
     assert np.ptp(steady) < 1e-6 * steady[0]  # what the integrator leaves
     assert simulate(added)[shown] == pytest.approx(steady, rel=tolerance)

@@ -17,12 +17,12 @@ from heavebond.core.errors import Place
 from heavebond.core.units import Range, parse_range, read_unit
 from heavebond.estimation import fitting, starts
 from heavebond.estimation.comparison import compare
-from heavebond.estimation.diagram_files import fitted_diagram, write
 from heavebond.estimation.excerpts import EXCERPTS
 from heavebond.estimation.experiment import Experiment, Free, load_experiment
-from heavebond.estimation.fitting import Fit, fit, profile
+from heavebond.estimation.fitting import Fit, fit, fitted_diagram, profile
 from heavebond.estimation.records import measure
 from heavebond.estimation.residuals import SETTLED, SHORT, Column, Residuals, Run, condensed, promised
+from heavebond.language.edits import write
 from heavebond.reports.result_tables import own_words
 
 DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"

@@ -8,6 +8,7 @@ import pytest
 
 import heavebond as hb
 from heavebond.diagnosis.catalogue import single_candidates
+from heavebond.estimation.experiment import changed_experiment
 
 WINCH = """\
 model: winch
@@ -44,7 +45,7 @@ def with_candidate(folder: Path, label: str, settings: dict[str, float], diagram
     (folder / "one.csv").write_text("t,v\n" + "".join(f"{0.1*k},0\n" for k in range(6)))
     experiment = hb.load_experiment(folder / "winched.yaml")
     candidate = next(c for c in single_candidates(experiment) if c.label == label)
-    changed = candidate.change.on_experiment(experiment).model
+    changed = changed_experiment(experiment, candidate.change).model
     return hb.simulate(changed.with_parameters({f"{candidate.name}.{k}": v for k, v in settings.items()}))
 
 

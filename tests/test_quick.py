@@ -13,7 +13,7 @@ from heavebond.core.errors import SimulationError
 from heavebond.diagnosis.base_model import SEARCH
 from heavebond.diagnosis.catalogue import single_candidates
 from heavebond.estimation import residuals
-from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.experiment import Experiment, changed_experiment, load_experiment
 from heavebond.estimation.residuals import Descent, Exceeded, Residuals, Run
 from heavebond.language.library import bundled
 from heavebond.numerics import compiled_cvodes
@@ -80,7 +80,7 @@ def with_a_line(rig: Path) -> Experiment:
     """With an algebraic unknown: the pressure between the supply and a line to the pump."""
     experiment = load_experiment(rig / "spline.yaml")
     line = next(c for c in single_candidates(experiment) if c.label == "LineResistance between supply and pump.a")
-    return line.change.with_values({n.name: "1e8 Pa*s/m**3" for n in line.vanishing[:1]}).on_experiment(experiment)
+    return changed_experiment(experiment, line.change.with_values({n.name: "1e8 Pa*s/m**3" for n in line.vanishing[:1]}))
 
 
 def test_a_search_solves_for_algebraic_unknowns(rig: Path) -> None:

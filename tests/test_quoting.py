@@ -138,7 +138,7 @@ def test_control_characters_of_a_name_do_not_reach_the_terminal(tmp_path, capfd)
 
 
 def test_a_model_named_like_a_path_is_changed_in_memory():
-    from heavebond.estimation.change import Change
+    from heavebond.language.edits import Change
 
     model = loads(named('rig 1/2: "a" #'))
     changed = Change(settings={"load.m": "2 kg"}).on_model(model)
@@ -148,7 +148,7 @@ def test_a_model_named_like_a_path_is_changed_in_memory():
 
 @pytest.mark.parametrize("name", ["- a", "* b", "a\x1bb", "? c", "a: b", "#", "-", ".", "& x"])
 def test_a_name_stays_what_it_is_in_a_written_diagram(name):
-    from heavebond.estimation.change import Change
+    from heavebond.language.edits import Change
 
     assert Change().on_model(loads(named("plain")), name=name).name == name
 

@@ -21,7 +21,6 @@ from heavebond.exchange.json_schema import study as study_file
 from heavebond.exchange.json_schema_values import written_units
 from heavebond.language import component_file as component_files
 from heavebond.language import effects, library, model
-from heavebond.language.renamed_keys import RENAMED
 from heavebond.studies import study
 
 ROOT = Path(__file__).parent.parent
@@ -78,20 +77,7 @@ def test_every_file_of_the_documentation_is_valid(page: Path, tmp_path: Path) ->
     (component_file(library.library())["properties"]["effect"], effects.KEYS),
 ])
 def test_it_has_the_keys_of_the_language(made: dict, keys: tuple[str, ...]) -> None:
-    former = {old for names in RENAMED.values() for old in names}
-    assert set(made["properties"]) - former == set(keys)
-
-
-def test_an_editor_takes_former_keys_and_says_their_present_names(known: object) -> None:
-    text = """
-model: old
-components:
-  deck: {is: PositionSource, u: {file: heave.csv, column: z, unit: m, between: spline}}
-"""
-    assert complaints(known, text) == []
-    assert complaints(known, text.replace("between", "betwixt")) != []
-    column = component_file(library.library())["properties"]["effect"]["properties"]
-    assert column["says"]["deprecationMessage"] == "now `description:`"
+    assert set(made["properties"]) == set(keys)
 
 
 RIGHT = """

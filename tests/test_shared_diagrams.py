@@ -17,8 +17,8 @@ from heavebond.diagnosis.like_places import candidates, named_apart
 from heavebond.diagnosis.scoring import Score, scored
 from heavebond.diagnosis.shared_diagrams import SharedDiagram, shared_diagrams
 from heavebond.diagnosis.stage import fitted_base
-from heavebond.estimation.change import Change
 from heavebond.estimation.experiment import load_experiment
+from heavebond.language.edits import Change
 from heavebond.text.yaml_source import parse
 
 EXPERIMENT = RIGS["passive"].experiment

@@ -22,7 +22,7 @@ from heavebond.diagnosis.fixed_values import VALUE, fixed_values
 from heavebond.diagnosis.places import Places
 from heavebond.diagnosis.scoring import Score, scored
 from heavebond.diagnosis.stage import UNKNOWN
-from heavebond.estimation.experiment import Experiment, Free
+from heavebond.estimation.experiment import Experiment, Free, changed_experiment
 from heavebond.estimation.residuals import Run
 from heavebond.language.definition import Component
 from heavebond.language.library import Library, same_class
@@ -211,7 +211,7 @@ class _Case:
             values = self._numbers(score, side * size)
             changed = score.candidate.change.with_values(
                 {n.name: quantity(values[n.name], n.unit) for n in score.candidate.numbers})
-            clean = self._clean(changed.on_experiment(self.base), {**self.values, **values}, TIGHT)
+            clean = self._clean(changed_experiment(self.base, changed), {**self.values, **values}, TIGHT)
             misfit = self._left(reference, base, clean, noise)
             if 0.4 * target < misfit < 2.5 * target or (not score.along and MISFIT[0] < misfit < MISFIT[1]):
                 return clean, values, misfit

@@ -16,9 +16,9 @@ from benchmarks.diagnosis.truths import Draw, Truth
 from heavebond.core.errors import HeavebondError, SimulationError
 from heavebond.diagnosis.base_model import Base
 from heavebond.diagnosis.catalogue import Candidate, single_candidates
-from heavebond.estimation.change import Change
-from heavebond.estimation.experiment import Experiment
+from heavebond.estimation.experiment import Experiment, changed_experiment
 from heavebond.estimation.residuals import Run
+from heavebond.language.edits import Change
 from heavebond.numerics.dae import Array
 from heavebond.numerics.simulator import Tolerances
 
@@ -113,7 +113,7 @@ class Hidden:
                     channels.append((list(self.base.outputs).index(place.where[0]), truth, a, drawn))
                 continue
             change, owner = self._change(truth)
-            experiment = change.on_experiment(experiment)
+            experiment = changed_experiment(experiment, change)
             numbers |= {f"{owner}.{key}": value for key, value in truth.path(a, drawn).items()}
         driven = at_records(experiment, self.folder, "driven")
         write(driven.records[name].file, self.base, self.rig, self.fine, u)

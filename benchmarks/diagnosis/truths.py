@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from heavebond.estimation.change import Change, Part
+from heavebond.language.edits import Change, Part
 from heavebond.numerics.dae import Array
 
 Draw = Mapping[str, float]

@@ -35,9 +35,8 @@ def candidates(experiment: str) -> dict[str, object]:
     console.print(f"{len(found)} candidates of {len({c.kind for c in found})} classes. Try one by hand: heavebond try "
                   f"{experiment} EFFECT, with --at PLACE or --between NODE NODE where it fits at several places.",
                   soft_wrap=True)
-    # `says` is the former name of `description`
-    return {"candidates": [{**c.as_dict(), "description": c.description, "says": c.description,
-                            "numbers": [n.name for n in c.numbers]} for c in found]}
+    return {"candidates": [{**c.as_dict(), "description": c.description, "numbers": [n.name for n in c.numbers]}
+                           for c in found]}
 
 
 def name_to_type(candidate: Candidate) -> str:

@@ -11,7 +11,6 @@ from heavebond.commands.arguments import blamed_on_settings, json_option, set_op
 from heavebond.core.errors import HeavebondError, Problem, UsageError
 
 if TYPE_CHECKING:
-    from heavebond.core.renamed import RenamedKey
     from heavebond.numerics.dae import Assembly
     from heavebond.numerics.initialise import Start
     from heavebond.numerics.start_equations import Point
@@ -20,10 +19,9 @@ if TYPE_CHECKING:
 @click.command(short_help="Check a diagram, component, function, experiment or study file.")
 @click.argument("model", metavar="FILE")
 @click.option("--names", "listed", is_flag=True, help="List every variable and parameter by its name.")
-@click.option("--fix", is_flag=True, help="Write the present names of renamed keys into FILE and the files that it reads.")
 @set_option
 @json_option
-def check(model: str, listed: bool, fix: bool, settings: tuple[str, ...]) -> dict[str, object]:
+def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, object]:
     """Check FILE and show what it contains, or all problems that are found.
 
     FILE is a YAML file or a bundled name (cmc_ahc, cmc_ahc/passive). Its first key tells what is checked. Diagram: states,
@@ -31,7 +29,6 @@ def check(model: str, listed: bool, fix: bool, settings: tuple[str, ...]) -> dic
     equations and power. Function: names and units. Experiment: the records, their columns, times and units, and that the
     diagram has the inputs, outputs and free parameters. Study: that every case assembles and every quantity exists.
     """
-    from heavebond.core.renamed import collecting
     from heavebond.language.model import find
     from heavebond.text.yaml_source import read
 
@@ -43,15 +40,7 @@ def check(model: str, listed: bool, fix: bool, settings: tuple[str, ...]) -> dic
         option = "--names" if listed else "--set"
         raise UsageError([Problem("option-unsuited", f"{option} is for diagrams; {model} is a file of the kind `{kind}:`",
                                   None, f"Leave {option} out, or check the diagram itself.")])
-    if not fix:
-        return others[kind](path) if kind in others else _check_diagram(model, listed, settings)
-    with collecting() as renamed:
-        try:
-            found = others[kind](path) if kind in others else _check_diagram(model, listed, settings)
-        except HeavebondError:
-            _rewrite(renamed)  # other mistakes in the files do not stand in the way
-            raise
-    return {**found, "rewritten": _rewrite(renamed)}
+    return others[kind](path) if kind in others else _check_diagram(model, listed, settings)
 
 
 def _check_diagram(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, object]:
@@ -106,21 +95,6 @@ def _check_powers(assembly: Assembly) -> list[Problem]:
     if created:
         raise ModelError(created)
     return found
-
-
-def _rewrite(renamed: list[RenamedKey]) -> dict[str, int]:
-    """Write the present names of keys into the user's files; how many keys of each."""
-    from heavebond.commands.terminal import output
-    from heavebond.core.presentation import count
-    from heavebond.language.renamed_keys import rewrite
-
-    console = output()
-    done = {str(path): number for path, number in rewrite(renamed).items()}
-    for name, number in done.items():
-        console.print(f"{name}: {count(number, 'key')} renamed", soft_wrap=True)
-    if not done:
-        console.print("no renamed keys")
-    return done
 
 
 def _check_experiment(path: Path) -> dict[str, object]:

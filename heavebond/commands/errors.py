@@ -17,7 +17,6 @@ def errors(experiments: tuple[str, ...], output: Path | None) -> dict[str, objec
     """Compare several EXPERIMENTS on the same records, each model with the values of its diagram.
 
     The error is relative to the size of the measured signals; the reduced chi-square is 1 at the noise level.
-    `heavebond ladder` is the same command.
     """
     from heavebond.commands import terminal
     from heavebond.diagnosis.ladder import ladder

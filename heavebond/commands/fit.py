@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -43,10 +42,10 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     from heavebond.commands import terminal
     from heavebond.core.cluster import connected
     from heavebond.core.kept_lines import KeptLines
-    from heavebond.estimation.diagram_files import fitted_diagram, quantity, write
     from heavebond.estimation.experiment import load_experiment
     from heavebond.estimation.fitting import fit as fitted
-    from heavebond.estimation.fitting import profile
+    from heavebond.estimation.fitting import fitted_diagram, profile
+    from heavebond.language.edits import write
     from heavebond.reports.result_tables import fit_items
 
     check_picture(output)
@@ -67,7 +66,7 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     told = {name: replace(next(p for p in found.parameters if p.name == name), interval=ends, at_bound="")
             for name, ends in profiles.items()}
     for name, p in told.items():
-        said = p.known(partial(quantity, unit=found.experiment.free[name].range.unit))
+        said = p.known(found.experiment.free[name].range.unit.written)
         console.print(f"{name}: {said} by profile likelihood", soft_wrap=True)
     files = []
     if written is not None:

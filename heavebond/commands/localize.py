@@ -22,8 +22,7 @@ def localize(experiment: str, fitted: bool, output: Path | None) -> dict[str, ob
     """Locate the error of the model of EXPERIMENT: when and in which state of motion it occurs, and at which place of the
     diagram a force or a flow is missing.
 
-    `heavebond where` is the same command. With --output name.png the pictures are name.png (the best place), name_2.png and
-    so on, and name_misfit.png.
+    With --output name.png the pictures are name.png (the best place), name_2.png and so on, and name_misfit.png.
     """
     from heavebond.commands import terminal
     from heavebond.estimation.excerpts import cut

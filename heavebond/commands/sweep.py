@@ -43,8 +43,7 @@ def sweep(model: str, overs: tuple[str, ...], measures: tuple[str, ...], sample:
     The sweep is written as a study into the folder: `heavebond study FOLDER/study.yaml` goes on from there. Each completed
     case is kept: after Ctrl-C the same command continues.
     """
-    from heavebond.estimation.change import Change
-    from heavebond.estimation.diagram_files import extended_from
+    from heavebond.language.edits import Change, extended_from
     from heavebond.language.model import find
     from heavebond.studies.study import load_study
     from heavebond.studies.sweep import Sweep, read_measure, read_over, study_text

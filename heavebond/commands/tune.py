@@ -107,7 +107,7 @@ def _files(asked: TuningRequest, result: Tuned, robust: Robustness | None, swept
 
         files.append(save(plot_surface(result.task, result, *swept, robust.ellipse if robust else None), output))
     if written is not None:
-        from heavebond.estimation.diagram_files import write
+        from heavebond.language.edits import write
         from heavebond.optimise.tuning import tuned_diagram
 
         write(written, tuned_diagram(asked.model, result.task, result, written, settings))

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from heavebond.core.errors import HeavebondError
 from heavebond.diagnosis.shared_diagrams import SharedDiagram
-from heavebond.estimation.change import Change
 from heavebond.estimation.comparison import assemble_for, driven_by
-from heavebond.estimation.experiment import Experiment, Record
+from heavebond.estimation.experiment import Experiment, Record, changed_experiment
 from heavebond.estimation.residuals import Residuals, Run
+from heavebond.language.edits import Change
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.quick_simulation import QuickSimulator, Unexplained
 from heavebond.numerics.simulator import Tolerances
@@ -94,7 +94,7 @@ class Base:
         """The changed diagram; one that is scored and then refitted is assembled once. HeavebondError where it cannot be."""
         key = repr(change)
         if key not in self.diagrams:
-            changed = change.on_experiment(self.problem.experiment)
+            changed = changed_experiment(self.problem.experiment, change)
             made = Diagram(changed, tuple(assemble_for(changed, run.record) for run in self.problem.runs))
             if len(self.diagrams) == DIAGRAMS:
                 del self.diagrams[next(iter(self.diagrams))]

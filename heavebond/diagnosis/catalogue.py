@@ -19,10 +19,10 @@ from heavebond.core.units import Dimension, Unit, dimension_text, is_generic, re
 from heavebond.equations.connect import Group, Network, connect
 from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.parameters import formula_order
-from heavebond.estimation.change import Change, Part
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment
 from heavebond.language.definition import Component, Effect, FileInput, Parameter, SearchRange, rate_of
+from heavebond.language.edits import Change, Part
 from heavebond.language.effects import check_replacing
 from heavebond.language.lists import written_out
 from heavebond.numerics.dae import Assembly

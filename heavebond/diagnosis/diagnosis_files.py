@@ -10,14 +10,14 @@ from pathlib import Path
 from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.numerals import whole
 from heavebond.core.presentation import readable_unit
-from heavebond.core.units import read_unit
+from heavebond.core.units import Unit, read_unit
 from heavebond.core.writable import make_folder, why_unwritable
 from heavebond.diagnosis.experiment_design import Separation
 from heavebond.diagnosis.ladder import AddedEffect
 from heavebond.diagnosis.own_starts import INITIAL, free_text
-from heavebond.estimation.change import Change, block, quoted
-from heavebond.estimation.diagram_files import extended_from, fitted_values, quantity, span, write, write_new
 from heavebond.estimation.experiment import FIXED, Experiment, load_experiment
+from heavebond.estimation.fitting import Fitted, fitted_values
+from heavebond.language.edits import Change, block, extended_from, quoted, write, write_new
 from heavebond.language.library import bundled
 from heavebond.text.yaml_source import read
 
@@ -33,10 +33,10 @@ def finding_files(finding: AddedEffect, before: Experiment, model: Path, experim
     others = tuple(p for p in finding.fit.parameters if p.name not in sought)
     fitted, _ = fitted_values(replace(finding.fit, parameters=others))
     change = candidate.change.joined(fitted).with_values(
-        {name: quantity(p.value, units[name]) for name, p in sought.items()})
+        {name: units[name].written(p.value) for name, p in sought.items()})
     said = f"{before.model.name} with {candidate.kind} {candidate.place}."
     own = {name: f for name, f in finding.fit.experiment.free.items() if f.each and name not in before.free}
-    begun = {p.name.removeprefix(INITIAL): quantity(p.before, own[p.name].range.unit) for p in finding.fit.parameters
+    begun = {p.name.removeprefix(INITIAL): own[p.name].range.unit.written(p.before) for p in finding.fit.parameters
              if p.name in own}
     # what is free needs a value in the diagram
     change = Change(initial={state: text for state, text in begun.items()
@@ -179,3 +179,13 @@ def write_proposal(separation: Separation, path: Path) -> list[Path]:
     lines = [",".join(separation.columns), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
     write_new(path, "\n".join(lines) + "\n")
     return [path]
+
+
+def span(fitted: Fitted, unit: Unit, amplitude: bool) -> str:
+    """The range of a number that was found: an amplitude may grow by half and shrink to nothing, a shape keeps its own."""
+    low, high = fitted.low, fitted.high
+    if amplitude and fitted.value:
+        reach = 1.5 * abs(fitted.value)
+        low, high = max(low, -reach if low < 0 else low), min(high, reach) if high > 0 else high
+    shown = [f"{unit.from_si(end):.4g}" for end in (low, high)]
+    return f"{shown[0]} .. {shown[1]}" + ("" if unit.text in ("1", "") else f" {unit.text}")

@@ -17,8 +17,8 @@ from heavebond.core.errors import HeavebondError
 from heavebond.diagnosis.base_model import Base, sensitivities
 from heavebond.diagnosis.fixed_values import fixed_values
 from heavebond.diagnosis.scoring import SAME, SIZED, Score
-from heavebond.estimation.change import Change
 from heavebond.estimation.residuals import Run
+from heavebond.language.edits import Change
 from heavebond.numerics.dae import Array
 from heavebond.numerics.quick_simulation import QuickSimulator
 

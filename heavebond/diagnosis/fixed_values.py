@@ -8,10 +8,10 @@ from math import isfinite
 from heavebond.core.errors import listing
 from heavebond.diagnosis.catalogue import Candidate, EffectNumber, quantity, within
 from heavebond.equations.expanded import Leaf
-from heavebond.estimation.change import Change
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment
 from heavebond.language.definition import Parameter, Value
+from heavebond.language.edits import Change
 from heavebond.numerics.dae import Assembly
 from heavebond.text.expression import names
 

@@ -15,8 +15,8 @@ from dataclasses import replace
 
 from heavebond.diagnosis.catalogue import Candidate, Site, fresh, single_candidates, site_of, snake
 from heavebond.diagnosis.scoring import Score
-from heavebond.estimation.change import Change, Part
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_experiment
+from heavebond.language.edits import Change, Part
 
 Signature = tuple[object, ...]
 LAWS = ("across", "at", "in series", "in")  # ways to attach that are considered: not sensors, nor replacements

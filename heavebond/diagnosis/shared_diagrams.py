@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from functools import reduce
 
 from heavebond.diagnosis.catalogue import Candidate
-from heavebond.estimation.change import Change
 from heavebond.language.definition import Component
+from heavebond.language.edits import Change
 from heavebond.language.library import Library
 from heavebond.text.expression import Call, Expr, children
 

@@ -21,8 +21,7 @@ from heavebond.core.quantities import si_value
 from heavebond.core.reporting import reporting
 from heavebond.energy.audit import EnergyAudit, EnergyLine, audit
 from heavebond.equations.flatten import Flat
-from heavebond.estimation.change import Change
-from heavebond.estimation.diagram_files import extended_from
+from heavebond.language.edits import Change, extended_from
 from heavebond.language.model import Model, ModelOrFile, extended, loaded
 from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, assemble

@@ -29,7 +29,6 @@ from heavebond.core.presentation import brief, count, number, readable_time
 from heavebond.core.reporting import place, reporting
 from heavebond.core.threads import single_threaded
 from heavebond.core.units import Unit, check_turns, other_unit, read_unit
-from heavebond.estimation.change import quoted
 from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.constant_bias import all_advice
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile, Output, Record, load_experiment
@@ -42,6 +41,7 @@ from heavebond.estimation.unit_and_sign_checks import (
     seems_of_another_sign,
 )
 from heavebond.language import reading
+from heavebond.language.edits import quoted
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.quick_simulation import FitSimulator
 from heavebond.numerics.result import Probe, Result

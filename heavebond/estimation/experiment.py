@@ -18,6 +18,7 @@ from heavebond.core.presentation import brief, count
 from heavebond.core.units import Range, UnitProblem, parse_range, unit
 from heavebond.language import reading
 from heavebond.language.definition import FileInput
+from heavebond.language.edits import Change
 from heavebond.language.model import Model, beside, beside_hint, find, load_beside
 from heavebond.language.sections import Condition, NamedOutput, Setting, read_conditions, read_settings, shown_as
 from heavebond.records.measurements import SUFFIXES
@@ -182,6 +183,26 @@ def with_inputs_moved(experiment: Experiment, to: Dictionary[str, str]) -> Exper
 
     records = {n: replace(r, inputs=there(r.inputs)) for n, r in experiment.records.items()}
     return replace(experiment, inputs=there(experiment.inputs), records=records)
+
+
+def changed_experiment(experiment: Experiment, change: Change) -> Experiment:
+    """The experiment with the changed diagram, and with its outputs and inputs where the change puts them.
+
+    A free parameter of a part that is replaced is free no longer if the new part has no parameter of this name.
+    """
+    model = change.on_model(experiment.model)
+    outputs = dict(experiment.outputs)
+    for channel, formula in change.channels.items():
+        shown = replace(outputs[channel].shown, expr=parse_formula(formula), text=formula)
+        outputs[channel] = replace(outputs[channel], shown=shown)
+
+    def lost(name: str) -> bool:
+        owner, _, parameter = name.partition("[")[0].rpartition(".")
+        return (owner in change.components
+                and parameter not in model.library.component(change.components[owner].kind).parameters)
+
+    free = {name: f for name, f in experiment.free.items() if not lost(name)}
+    return with_inputs_moved(replace(experiment, model=model, outputs=outputs, free=free), change.moved)
 
 
 ExperimentOrFile: TypeAlias = Experiment | str | Path

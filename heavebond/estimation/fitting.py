@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -37,6 +38,7 @@ from heavebond.estimation.identifiability import Identifiability, identifiabilit
 from heavebond.estimation.records import measure
 from heavebond.estimation.residuals import AT_END, Column, Descent, Residuals, Run
 from heavebond.estimation.starts import Starts
+from heavebond.language.edits import Change, block, extended_from
 from heavebond.numerics.dae import Array
 from heavebond.numerics.run_verdict import report_verdict as hear
 from heavebond.numerics.simulation import unfilled
@@ -358,3 +360,27 @@ def profile(result: Fit, name: str, *, progress: Progress | None = None) -> tupl
         ends.append(problem.columns[k].outer(float(brentq(risen, best[k], far, xtol=1e-3 * abs(far - best[k])))
                                              if risen(far) > 0 else float(end)))
     return ends[0], ends[1]
+
+
+# -- files -----------------------------------------------------------------------------------------------------------
+def fitted_diagram(fit: Fit, path: Path) -> str:
+    """The text of a diagram at `path` that extends the fitted one and sets what was fitted for all records."""
+    experiment = fit.experiment
+    records = [r.name for r in experiment.records.values() if r.use == "fit"]
+    change, notes = fitted_values(fit)
+    head = [f"model: {path.stem}",
+            f"summary: {experiment.model.name} with parameters fitted to {', '.join(records)}.",
+            f"extends: {extended_from(path, experiment.model.path)}"]
+    return "\n".join([*head, *block("set", change.settings, notes), *block("initial", change.initial, notes)]) + "\n"
+
+
+def fitted_values(fit: Fit) -> tuple[Change, dict[str, str]]:
+    """What was fitted for all records, as a change to the diagram, and the interval of each as a note."""
+    values, notes = {}, {}
+    for p in fit.parameters:
+        if not p.record:
+            unit = fit.experiment.free[p.name].range.unit
+            values[p.name] = unit.written(p.value)
+            notes[p.name.removeprefix("initial.")] = f"at the {p.at_bound} end of its range" if p.at_bound else \
+                p.known(unit.written)
+    return Change().with_values(values), notes

@@ -18,9 +18,8 @@ from heavebond.core.errors import DataError, HeavebondError, Problem, listing
 from heavebond.core.presentation import number
 from heavebond.core.units import Unit, UnitProblem, as_meant, dimension_text, parse_quantity, read_unit, unknown_unit
 from heavebond.equations.parameters import declared
-from heavebond.estimation.change import block, quoted
-from heavebond.estimation.diagram_files import extended_from
 from heavebond.language.definition import Value
+from heavebond.language.edits import block, extended_from, quoted
 from heavebond.language.model import Model
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.records.measurements import BRIDGED, Table, gaps, read_table, timed

@@ -23,7 +23,6 @@ from heavebond.exchange.json_schema_values import (
     instance_of,
     quantity,
     units,
-    with_former_keys,
 )
 from heavebond.language.definition import ATTACHES, Component
 from heavebond.language.library import Library
@@ -134,7 +133,7 @@ def study() -> Schema:
     drawn = _object(dict.fromkeys((*DRAWN, "seed"), whole), description="how points are drawn")
     sample = _object({"sample": {"anyOf": [{"enum": list(NAMED)}, drawn]}, "over": ranges}, ["sample", "over"])
     cases = {"anyOf": [{"type": "array"}, steps, sample, _each({"anyOf": [values, {"type": "null"}]})]}
-    return with_former_keys("study", _object({
+    return _object({
         "study": _said("a name"), "summary": _said("a sentence"), "model": _said("the diagram"),
         "cases": _each(cases, "what is varied: `f: [1 Hz, 2 Hz]`, or named sets of values"), "evaluate": window,
         "reference": _said("values of a run that others are compared with", values),
@@ -143,7 +142,7 @@ def study() -> Schema:
         "compare_with": _said("what others say of the same", {"type": "object"}), "calibrate": _object(
             {"free": ranges, "targets": {}, "to": {}}, ["free", "targets"]),
         "pictures": _each(_object({"title": TEXT, **dict.fromkeys(PICTURES, WORDS), "from": TIME, "to": TIME})),
-        "notes": _said("text for readers", {})}, ["study", "model"]))
+        "notes": _said("text for readers", {})}, ["study", "model"])
 
 
 def component_file(known: Library) -> Schema:
@@ -151,12 +150,12 @@ def component_file(known: Library) -> Schema:
     domain: Schema = {"anyOf": [{"enum": list(known.domains)}, {"type": "string", "pattern": r"^\$"}]}
     signal = _object({"signal": {"enum": ["in", "out"]}, "unit": UNIT, "doc": TEXT, "count": COUNT}, ["signal", "unit"])
     port = _object({"domain": domain, "doc": TEXT, "count": WHOLE}, ["domain"])
-    parameter = with_former_keys("parameter", _object({
+    parameter = _object({
         "unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "default": QUANTITY, "neutral": QUANTITY,
         "integer": _said("a whole number; written without a value", {}), "class": TEXT, "search_range": TEXT,
         "wakes_with": WORDS, "count": COUNT,
         "medium": _said("the property of the medium in its circuit that it is taken from"),
-        "width": _said("the width of a transition that makes a law smooth; written without a value", {})}))
+        "width": _said("the width of a transition that makes a law smooth; written without a value", {})})
     variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,
                         "nominal": QUANTITY, "count": COUNT}, ["unit"])
     event = _object({**dict.fromkeys((*KINDS, "from", "impulse"), FORMULA), "then": _each(FORMULA)}, ["then"])
@@ -193,10 +192,10 @@ def function_file() -> Schema:
 
 def _effect(domain: Schema) -> Schema:
     attaches = {"enum": list(ATTACHES)}
-    return with_former_keys("effect", _object({
+    return _object({
         "class": TEXT, "description": TEXT, "attaches": {"anyOf": [attaches, {"type": "array", "items": attaches}]},
         "amplitude": {"anyOf": [WORDS, _each(TEXT)]}, "search_range": _each(TEXT), "also": _each(domain), "replaces": TEXT,
-        "start": _each(FORMULA), "settled": WORDS}, ["class", "description"], "that it may be what another diagram lacks"))
+        "start": _each(FORMULA), "settled": WORDS}, ["class", "description"], "that it may be what another diagram lacks")
 
 
 # -- parts of them ---------------------------------------------------------------------------------------------------

@@ -8,7 +8,6 @@ from functools import lru_cache
 from heavebond.core.units import COMMON, ONE, Unit, is_generic, read_unit
 from heavebond.language.definition import Component, Parameter, SignalPort
 from heavebond.language.reading import INTERPOLATIONS
-from heavebond.language.renamed_keys import RENAMED
 
 Schema = dict[str, object]
 # units that a declaration in base units may be given in, beside those that are common by themselves
@@ -23,17 +22,6 @@ TEXT: Schema = {"type": ["string", "number", "boolean"]}
 WORDS: Schema = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]}
 TIME_AXIS: Schema = {"type": "object", "additionalProperties": False, "required": ["column", "unit"],
                      "properties": {"column": TEXT, "unit": {"$ref": "#/definitions/unit"}}}
-
-
-def with_former_keys(kind: str, schema: Schema) -> Schema:
-    """The schema of a mapping, in which keys that were renamed may stand under their former names too."""
-    properties, required = schema["properties"], schema.get("required", [])
-    assert isinstance(properties, dict) and isinstance(required, list)
-    former = {old: {**properties[new], "deprecationMessage": f"now `{new}:`"} for old, new in RENAMED[kind].items()}
-    either = [{"anyOf": [{"required": [new]}, {"required": [old]}]} for old, new in RENAMED[kind].items() if new in required]
-    left = [name for name in required if name not in RENAMED[kind].values()]
-    return {**schema, "properties": {**properties, **former}, **({"required": left} if "required" in schema else {}),
-            **({"allOf": either} if either else {})}
 
 
 @lru_cache(maxsize=256)
@@ -93,12 +81,12 @@ def signal(port: SignalPort) -> Schema:
 
 def column(required: Iterable[str], more: Mapping[str, Schema] | None = None) -> Schema:
     """A column of a record as an input, with entries that it may have besides."""
-    return with_former_keys("input", {
+    return {
         "type": "object", "additionalProperties": False, "required": list(required), "properties": {
         "file": {"type": "string", "description": "CSV, Parquet or MAT file beside this one"},
         "column": {**TEXT, "description": "its name in the file"}, "unit": {"$ref": "#/definitions/unit"},
         "interpolation": {"enum": list(INTERPOLATIONS), "description": "what holds between two samples"}, "time": TIME_AXIS,
-        "gaps": {"enum": ["bridge"], "description": "go across gaps"}, **(more or {})}})
+        "gaps": {"enum": ["bridge"], "description": "go across gaps"}, **(more or {})}}
 
 
 def units() -> Schema:

@@ -25,7 +25,6 @@ from heavebond.language.definition import (
 from heavebond.language.effects import EffectReader, read_search_range
 from heavebond.language.equation_lines import equation_lines
 from heavebond.language.extension import extension
-from heavebond.language.renamed_keys import present
 from heavebond.language.when import when_entries
 from heavebond.text.expression import Expr, Number, constant, parse_equation, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
@@ -182,7 +181,6 @@ class _Parser:
                           reading.text(node.items.get("doc"), "doc", self.problems), *self._shape(node))
 
     def _parameter(self, key: Scalar, node: Mapping, variables: Dictionary[str, Variable]) -> Parameter:
-        node = present(node, "parameter", self.problems)
         keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "search_range", "wakes_with", "count",
                 "medium", "width")
         integer = "integer" in node.items

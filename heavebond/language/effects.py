@@ -21,7 +21,6 @@ from heavebond.language.definition import (
     Variable,
     rate_of,
 )
-from heavebond.language.renamed_keys import present
 from heavebond.text.expression import names
 from heavebond.text.yaml_source import Mapping, Node, Scalar
 
@@ -76,7 +75,6 @@ class EffectReader:
         entry = reading.mapping(node, "effect", self.problems)
         if entry is None:
             return None
-        entry = present(entry, "effect", self.problems)
         reading.known_keys(entry, KEYS, "effect", self.problems, ("class", "description"))
         also = self._also(entry.items.get("also"))
         attaches = self._attaches(entry, also)

@@ -11,7 +11,6 @@ from typing import TypeVar
 from heavebond.core.errors import HeavebondError, Place, Problems, listing, nearest, suggest
 from heavebond.core.units import Unit, UnitProblem, check_unit, generic_unit, parse_quantity, read_unit
 from heavebond.language.definition import Body, End, FileInput, Formula, Instance, Value, Wire
-from heavebond.language.renamed_keys import present
 from heavebond.text.expression import KEYWORDS, Equation, Expr, ExpressionProblem, Number, constant, names, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source
 
@@ -207,7 +206,6 @@ def _unmarked(content: str, what: str) -> tuple[str, str, str]:
 def file_input(node: Mapping, source: Source, problems: Problems, what: str, *, file: bool = True) -> FileInput | None:
     """`{file: heave.csv, column: z, unit: m, interpolation: spline}`; the file is beside the file that names it. Without
     `file`, of an experiment, it may have `noise`, which is left to the caller."""
-    node = present(node, "input", problems)
     keys = ["file", "column", "unit", "interpolation", "time", "gaps", *([] if file else ["noise"])]
     if node.items and not any(nearest(name, keys) for name in node.items):
         keyed = f"`{{{listing(node.items)}}}`"

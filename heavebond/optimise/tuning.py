@@ -15,8 +15,7 @@ from heavebond.core.errors import HeavebondError, Problem, UsageError, suggest
 from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress, numbered
 from heavebond.core.reporting import reporting
-from heavebond.estimation.change import block, quoted
-from heavebond.estimation.diagram_files import extended_from, quantity
+from heavebond.language.edits import block, extended_from, quoted
 from heavebond.language.model import Model, ModelOrFile
 from heavebond.linear.floquet import FLOQUET, largest_multiplier
 from heavebond.linear.rest_stability import Stability, crossing, describe
@@ -265,7 +264,7 @@ def sweep(problem: Objective, numbers: Sequence[int], *, progress: Progress | No
 
 def tuned_diagram(model: Model, task: TuningProblem, result: Tuned, path: Path, settings: Mapping[str, str]) -> str:
     """The text of a diagram at `path` that extends the tuned one and sets the best values, after those in `settings`."""
-    tuned = {name: quantity(value, task.free[name].unit) for name, value in result.values.items()}
+    tuned = {name: task.free[name].unit.written(value) for name, value in result.values.items()}
     values = {**{name: quoted(text) for name, text in settings.items()}, **tuned}
     head = [f"model: {path.stem}",
             f"summary: {model.name}, tuned to a cost of {result.cost:.5g}.",

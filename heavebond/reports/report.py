@@ -20,7 +20,6 @@ from heavebond.diagnosis.diagnosis import Diagnosis
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, channel_errors, parameter_description, restrictions
 from heavebond.diagnosis.probability import PROBABILITY
 from heavebond.estimation.comparison import RecordComparison
-from heavebond.estimation.diagram_files import quantity
 from heavebond.estimation.fitting import Fit
 from heavebond.language.library import bundled
 from heavebond.language.model import Model
@@ -217,7 +216,7 @@ def _finding(k: int, finding: AddedEffect) -> Html:
 
 def _diagram(finding: AddedEffect) -> str:
     """The text of a diagram that adds a finding to the previous one."""
-    values = {p.name: quantity(p.value, read_unit(readable_unit(p.unit, p.value))) for p in finding.parameters}
+    values = {p.name: read_unit(readable_unit(p.unit, p.value)).written(p.value) for p in finding.parameters}
     candidate, path = finding.candidate, finding.fit.experiment.model.path
     said = f"with {candidate.kind} {candidate.place}"
     return candidate.change.with_values(values).diagram(path.stem + "_2", said, path.name)

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 
-from heavebond.estimation.diagram_files import quantity
 from heavebond.linear.rest_stability import STABLE
 from heavebond.linear.rest_stability import stability_sentences as stability_words
 from heavebond.numerics.dae import Array, Assembly
@@ -45,9 +44,9 @@ def tuning_figures(name: str, result: Tuned, robust: Robustness | None) -> dict[
 
 
 def _table(name: str, assembly: Assembly, task: TuningProblem, result: Tuned) -> ResultTable:
-    rows = [(parameter, quantity(assembly.parameter_values[parameter], wanted.unit),
-             quantity(result.values[parameter], wanted.unit),
-             f"{quantity(wanted.low, wanted.unit)} .. {quantity(wanted.high, wanted.unit)}")
+    rows = [(parameter, wanted.unit.written(assembly.parameter_values[parameter]),
+             wanted.unit.written(result.values[parameter]),
+             f"{wanted.unit.written(wanted.low)} .. {wanted.unit.written(wanted.high)}")
             for parameter, wanted in task.free.items()]
     return ResultTable(name, ("parameter", "before", "tuned", "range"), rows)
 
@@ -61,7 +60,7 @@ def _changes(assembly: Assembly, result: Tuned, robust: Robustness) -> ResultTab
         risen = f"{change.cost:.5g}" if math.isfinite(change.cost) else "breaks down"
         times = f"{100 * (change.cost / result.cost - 1):+.3g} %" if math.isfinite(change.cost) and result.cost else ""
         limits = ", ".join(f"{text} exceeded" for text in change.exceeded) or ("kept" if change.limits else "")
-        rows.append((f"{change.name} = {quantity(change.value, unit)}{share}", risen, times, limits))
+        rows.append((f"{change.name} = {unit.written(change.value)}{share}", risen, times, limits))
     return ResultTable("around the best", ("one at a time", "cost", "change", "limits"), rows)
 
 
@@ -69,7 +68,7 @@ def _words(result: Tuned, robust: Robustness) -> Iterator[str]:
     if len(result.cost_of_cases) > 1:
         yield f"the worst case is {robust.worst[0]}, cost {robust.worst[1]:.5g}"
     if robust.ellipse is not None:
-        widths = ", ".join(f"{name} +-{quantity(width, result.task.free[name].unit)}"
+        widths = ", ".join(f"{name} +-{result.task.free[name].unit.written(width)}"
                            for name, width in robust.ellipse.widths.items())
         yield f"the cost rises by less than 1 % within {widths}"
 
@@ -77,7 +76,7 @@ def _words(result: Tuned, robust: Robustness) -> Iterator[str]:
 def _end_words(result: Tuned) -> Iterator[str]:
     for name, end in result.at_end.items():
         wanted = result.task.free[name]
-        yield f"{name} ended at the {end} end of its range, {quantity(result.values[name], wanted.unit)}: what is beyond " \
+        yield f"{name} ended at the {end} end of its range, {wanted.unit.written(result.values[name])}: what is beyond " \
             "was not looked at"
 
 

@@ -27,8 +27,7 @@ from heavebond.core.errors import HeavebondError, Problem, SimulationError
 from heavebond.core.parallel import as_done
 from heavebond.core.progress import Progress
 from heavebond.core.units import Range
-from heavebond.estimation.change import block
-from heavebond.estimation.diagram_files import extended_from
+from heavebond.language.edits import block, extended_from
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.simulator import Simulator
 from heavebond.optimise.cost_evaluation import Evaluator

@@ -20,7 +20,6 @@ from heavebond.core.units import Range, UnitProblem, parse_quantity
 from heavebond.language import reading
 from heavebond.language.definition import FileInput
 from heavebond.language.model import Model, find, load_beside
-from heavebond.language.renamed_keys import present
 from heavebond.language.sections import read_settings
 from heavebond.linear.rest_stability import STABLE
 from heavebond.optimise.objective import Case, TuningProblem
@@ -202,7 +201,6 @@ def load_study(name: str | Path) -> Study:
 def study_from_source(source: Source) -> Study:
     """A study from its source; ModelError with the lines that are wrong."""
     problems = Problems()
-    source = replace(source, root=present(source.root, "study", problems))
     root = source.root
     if "study" not in root.items:
         raise ModelError([Problem("not-a-study", f"{source.name} is no study: it has no `study:`", root.place,

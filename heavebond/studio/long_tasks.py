@@ -22,10 +22,9 @@ from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
 from heavebond.diagnosis.diagnosis_files import Targets, write_findings
 from heavebond.diagnosis.ladder import AddedEffect
 from heavebond.diagnosis.ranking import entries
-from heavebond.estimation.change import quoted
-from heavebond.estimation.diagram_files import extended_from, fitted_diagram, write
 from heavebond.estimation.experiment import Experiment, load_experiment
-from heavebond.estimation.fitting import Fit, fit
+from heavebond.estimation.fitting import Fit, fit, fitted_diagram
+from heavebond.language.edits import extended_from, quoted, write
 from heavebond.localise.misfit import Localization, PlaceEstimate, localize, noun
 from heavebond.reports.result_tables import Item, Line, attempt_items, diagnosis_items, fit_items
 from heavebond.reports.result_tables import localization_items as places_items

@@ -1,4 +1,4 @@
-"""Changes of a diagram as values, such as the addition of an effect.
+"""Changes of a diagram as values, such as the addition of an effect, and the files that contain them.
 
 A change is represented by the text of a file that extends the diagram; the changed diagram is read from that text, so that
 the model in memory and the written file agree.
@@ -6,16 +6,17 @@ the model in memory and the written file agree.
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from heavebond.core.errors import UsageError
 from heavebond.core.quoting import file_stem
-from heavebond.estimation.experiment import Experiment, Output, with_inputs_moved
-from heavebond.language.library import Library
+from heavebond.core.writable import write_text
+from heavebond.language.library import bundled
 from heavebond.language.model import Model, extended
-from heavebond.text.expression import parse_formula
 from heavebond.text.yaml_source import parse
 
 _PLAIN = re.compile(r"[-+]?[\w.](?:[\w.+\-*/ ]*[\w)])?")
@@ -85,25 +86,6 @@ class Change:
         text = self.diagram(name or model.name, summary or model.summary or model.name, model.path.name)
         return extended(model, parse(text, path, path.name, trusted=True))
 
-    def on_experiment(self, experiment: Experiment) -> Experiment:
-        """The experiment with the changed diagram, its outputs and inputs where the change puts them; what was free of a
-        part that is replaced is free no longer where the new part has no such number."""
-        model = self.on_model(experiment.model)
-        outputs = dict(experiment.outputs)
-        for channel, formula in self.channels.items():
-            outputs[channel] = _output(outputs[channel], formula)
-        free = {name: f for name, f in experiment.free.items() if not self._lost(name, model.library)}
-        return with_inputs_moved(replace(experiment, model=model, outputs=outputs, free=free), self.moved)
-
-    def _lost(self, name: str, library: Library) -> bool:
-        """Whether a parameter is that of a part whose place another kind of part takes, which has none of this name."""
-        owner, _, parameter = name.partition("[")[0].rpartition(".")
-        return owner in self.components and parameter not in library.component(self.components[owner].kind).parameters
-
-
-def _output(output: Output, formula: str) -> Output:
-    return replace(output, shown=replace(output.shown, expr=parse_formula(formula), text=formula))
-
 
 def quoted(text: str) -> str:
     """A text as a YAML scalar: bare where that is safe, else in double quotes."""
@@ -130,3 +112,26 @@ def block(name: str, entries: Mapping[str, str], notes: Mapping[str, str] | None
                           for key, text in lines.items())]
 
 
+def extended_from(path: Path, model: Path) -> str:
+    """How a file at `path` names the diagram at `model`: a bundled one by its name, so that the file can move."""
+    inside = bundled("models").resolve()
+    if model.resolve().is_relative_to(inside) and not path.resolve().is_relative_to(inside):
+        return model.resolve().relative_to(inside).as_posix()
+    return Path(os.path.relpath(model.resolve(), path.resolve().parent)).as_posix()
+
+
+def write(path: Path, text: str) -> None:
+    """Write a new file; UsageError where it exists already or cannot be written, so that nothing is lost."""
+    if path.suffix not in (".yaml", ".yml"):
+        raise UsageError(f"'{path.name}' is no name of a diagram", hint=f"Write {path.with_suffix('.yaml').name}.")
+    write_new(path, text)
+
+
+def write_new(path: Path, text: str) -> None:
+    """Write a text to a file that does not exist; UsageError where it does, or cannot be written."""
+    try:
+        write_text(path, text, exclusive=True)
+    except FileExistsError:
+        raise UsageError(f"{path} exists already", hint="Give another name, or remove it first.") from None
+    except OSError as error:
+        raise UsageError(f"{path} cannot be written: {error.strerror}") from None
