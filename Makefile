@@ -40,7 +40,7 @@ types: $(READY)
 
 # docs/components/ from the component files; after every change of these
 pages: $(READY)
-	$(BIN)/heavebond library --pages docs/components
+	$(BIN)/python docs/component_pages.py
 
 # site/, from docs/: a site that opens from its folder, without a network
 docs: $(READY)

@@ -17,6 +17,10 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
+# these three packages register functions as methods of classes below them (see `core.facade`)
+from heavebond import equations, pictures, reports  # noqa: F401
+from heavebond.core.version import VERSION
+
 if TYPE_CHECKING:
     from heavebond.core.errors import (
         DataError,
@@ -52,7 +56,7 @@ if TYPE_CHECKING:
     from heavebond.studies.campaign import StudyResult, run_study
     from heavebond.studies.study import Study, load_study
 
-__version__ = "0.1.0"
+__version__ = VERSION
 
 # name -> module; loaded when first used, so that `import heavebond` and `heavebond --help` stay quick. No name is that of
 # a module: importing the module would put it in the function's place.

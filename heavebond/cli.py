@@ -21,13 +21,13 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from heavebond import __version__
 from heavebond.commands.arguments import check_writable
 from heavebond.commands.progress_lines import progress_lines
 from heavebond.commands.terminal import PIPE_CLOSED, print_problems, warn
 from heavebond.core.cancellation import WORDS, clear_signal, is_interrupt, last_heard
 from heavebond.core.cancellation import listening as signals_heard
 from heavebond.core.errors import HeavebondError, Problem, UsageError, suggest
+from heavebond.core.version import VERSION
 from heavebond.core.writable import write_text
 
 if TYPE_CHECKING:
@@ -171,7 +171,7 @@ def own_fault(error: Exception, given: Sequence[str]) -> Problem:
     import traceback
 
     said = (str(error).strip().splitlines() or [""])[0]
-    head = f"heavebond {__version__}, Python {platform.python_version()}, {platform.platform()}\n" \
+    head = f"heavebond {VERSION}, Python {platform.python_version()}, {platform.platform()}\n" \
            f"command: {shlex.join(['heavebond', *given])}\n\n"
     try:
         with tempfile.NamedTemporaryFile("w", prefix="heavebond-fault-", suffix=".txt", delete=False, encoding="utf-8",
@@ -259,7 +259,7 @@ def _forget_output() -> None:
 
 @click.group("heavebond", cls=Commands, commands=CommandTable(), no_args_is_help=True,
              context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, prog_name="heavebond")
+@click.version_option(VERSION, prog_name="heavebond")
 def main() -> None:
     """Model machines from diagrams, simulate them and compare them with measurements.
 

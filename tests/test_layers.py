@@ -18,7 +18,8 @@ ONLY_IMPORTER = {"yaml": "text.yaml_source", "pint": "core.units"}
 # loaded inside functions only, so that `import heavebond` and `heavebond --help` stay quick
 HEAVY = {"casadi", "numpy", "scipy", "pandas", "matplotlib", "networkx", "rich", "pint"}
 QUICK = ("__init__", "cli", "commands.terminal", "core.errors", "core.cancellation", "core.limits",
-         "core.numerals", "core.progress", "core.quoting", "core.writable")
+         "core.facade", "core.numerals", "core.progress", "core.quoting", "core.version", "core.writable",
+         "equations", "pictures", "reports")
 
 
 def _name(path: Path) -> str:

@@ -109,7 +109,7 @@ def test_a_comparison_and_a_fit_show_errors_with_units() -> None:
     assert len(pictures(html)) == 1 and "76.5 mm" in html and "validate" in html
     fit = hb.fit("passive_rig/friction", starts=1)
     html = fit._repr_html_()
-    assert not pictures(html) and "kN/m" in html and "62.4 kN·s/m" in html and "at its high end" in html
+    assert not pictures(html) and "kN/m" in html and "62.4 kN*s/m" in html and "at its high end" in html
 
 
 def test_a_diagnosis_shows_its_verdict_and_its_ladder() -> None:

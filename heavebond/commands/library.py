@@ -21,18 +21,14 @@ OWN = "this folder"
 
 @click.command(short_help="List the components and functions, or describe one.")
 @click.argument("words", metavar="[NAME]", nargs=-1)
-@click.option("--pages", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
-              help="Write a page (Markdown, SVG) about each component and function of the library into FOLDER.")
 @json_option
-def library(words: tuple[str, ...], pages: Path | None) -> dict[str, object]:
+def library(words: tuple[str, ...]) -> dict[str, object]:
     """List the components by domain, those of the current folder first, and the functions.
 
     With NAME describe one; other words (rope, check valve) list those with all of them in their name or summary.
     """
     from heavebond.language.library import library as load_library
 
-    if pages is not None:
-        return _pages(pages)
     known = load_library([Path.cwd()])
     if not words:
         return _list(known)
@@ -42,18 +38,6 @@ def library(words: tuple[str, ...], pages: Path | None) -> dict[str, object]:
     if name not in known.files:
         return _list(known, name)
     return _show(known.component(name))
-
-
-def _pages(folder: Path) -> dict[str, object]:
-    from heavebond.commands.terminal import output
-    from heavebond.reports.component_pages import write_pages
-
-    try:
-        written = write_pages(folder)
-    except OSError as error:
-        raise UsageError([Problem("file-unwritable", f"'{folder}' cannot be written: {error.strerror or error}")]) from None
-    output().print(f"wrote pages about {written} components to {folder}", soft_wrap=True)
-    return {"folder": str(folder), "components": written}
 
 
 def _list(known: Library, wanted: str = "") -> dict[str, object]:

@@ -11,9 +11,9 @@ from contextlib import contextmanager
 from threading import Lock
 from typing import Any, TypeVar
 
-from heavebond import __version__
 from heavebond.core.errors import Problem, UsageError
 from heavebond.core.parallel import Workers
+from heavebond.core.version import VERSION
 
 T = TypeVar("T")
 AHEAD = 2  # tasks that a worker has at a time, so that it need not wait for the next one
@@ -79,8 +79,8 @@ class Cluster(Workers):
         except (ImportError, AttributeError) as error:
             raise UsageError([Problem("worker-unfit", "the workers do not have this program", None,
                                       "Install heavebond where the workers run.", (f"{error}",))]) from None
-        if theirs != __version__:
-            raise UsageError([Problem("worker-unfit", f"the workers have heavebond {theirs}, here it is {__version__}", None,
+        if theirs != VERSION:
+            raise UsageError([Problem("worker-unfit", f"the workers have heavebond {theirs}, here it is {VERSION}", None,
                                       "Install the same version where the workers run.")])
         return sum(threads.values())
 
@@ -148,7 +148,7 @@ def _cancel(answer: Future[Any]) -> None:
 
 
 def _version() -> str:
-    return __version__
+    return VERSION
 
 
 def _alone(function: Callable[..., T], *given: Any, **named: Any) -> T:

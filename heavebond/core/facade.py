@@ -1,28 +1,26 @@
-"""Convenience methods of public objects that belong to packages above: `model.graph()`, `result.plot()`.
+"""Methods of public objects whose functions belong to packages above, such as `result.plot()` and `model.graph()`.
 
-A module imports from its own package and those below. A method that only calls a function of a package above finds that
-function when it is called, by the path in this table.
+A module imports from its own package and those below. The package above registers its function by `provides`, and the method
+calls it by `call`. `heavebond/__init__.py` imports the packages that register functions, so every method is available.
 """
 
 from __future__ import annotations
 
-import importlib
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
-FUNCTIONS = {
-    "Model.graph": "equations.diagram_graph:diagram_graph",
-    "Model._repr_svg_": "pictures.drawing:draw",
-    "Model._repr_html_": "reports.notebook:model_html",
-    "Result._repr_html_": "reports.notebook:result_html",
-    "Comparison._repr_html_": "reports.notebook:comparison_html",
-    "Fit._repr_html_": "reports.notebook:fit_html",
-    "Diagnosis._repr_html_": "reports.notebook:diagnosis_html",
-    "Result.plot": "pictures.plot:plot_signals",
-    "Comparison.plot": "pictures.plot:plot_comparison",
-}
+AnyFunction = TypeVar("AnyFunction", bound=Callable[..., Any])
+_PROVIDED: dict[str, Callable[..., Any]] = {}
 
 
-def call(method: str, *given: Any, **named: Any) -> Any:
-    """What the function behind a method of `FUNCTIONS` returns."""
-    module, _, function = FUNCTIONS[method].partition(":")
-    return getattr(importlib.import_module(f"heavebond.{module}"), function)(*given, **named)
+def provides(*methods: str) -> Callable[[AnyFunction], AnyFunction]:
+    """Register a function as the content of methods (`Class.method`); its first argument is the object."""
+    def register(function: AnyFunction) -> AnyFunction:
+        _PROVIDED.update(dict.fromkeys(methods, function))
+        return function
+    return register
+
+
+def call(method: str, *arguments: Any) -> Any:
+    """Call the function that is registered for a method."""
+    return _PROVIDED[method](*arguments)

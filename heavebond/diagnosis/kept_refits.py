@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from heavebond import __version__
 from heavebond.core.errors import HeavebondError
 from heavebond.core.kept_lines import Kept, KeptLines
+from heavebond.core.version import VERSION
 from heavebond.diagnosis.base_model import Base
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.finite_amplitudes import ranged
@@ -115,7 +115,7 @@ def digest_of(base: Base) -> str:
     """A digest of the base model at its optimum and of all records."""
     made = hashlib.sha256()
     problem = base.problem
-    for part in (__version__, problem.runs[0].simulator.tolerances, problem.columns,
+    for part in (VERSION, problem.runs[0].simulator.tolerances, problem.columns,
                  sorted(problem.runs[0].assembly.parameter_values.items()), sorted(problem.experiment.outputs)):
         made.update(repr(part).encode())
     for array in (base.r, base.inner, base.J, base.priors):

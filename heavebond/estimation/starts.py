@@ -15,7 +15,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from heavebond import __version__
 from heavebond.core.cancellation import ENDED_EARLY, clear_signal
 from heavebond.core.cluster import Cluster
 from heavebond.core.errors import HeavebondError
@@ -23,6 +22,7 @@ from heavebond.core.kept_lines import KeptLines
 from heavebond.core.packed import packed, unpacked
 from heavebond.core.parallel import as_done
 from heavebond.core.progress import Progress, numbered
+from heavebond.core.version import VERSION
 from heavebond.estimation.excerpts import EXCERPTS
 from heavebond.estimation.multiple_shooting import Shooting
 from heavebond.estimation.residuals import Descent, Residuals
@@ -140,7 +140,7 @@ class Starts:
             return replace(found, message=ENDED_EARLY)
 
     def _digest(self, problem: Residuals, point: Array) -> str:
-        made = hashlib.sha256(repr((__version__, problem.runs[0].simulator.tolerances, problem.columns, self.segments,
+        made = hashlib.sha256(repr((VERSION, problem.runs[0].simulator.tolerances, problem.columns, self.segments,
                                     self.robust)).encode())
         for array in (*problem.evaluate(problem.start), point):
             made.update(np.ascontiguousarray(array).tobytes())

@@ -9,8 +9,8 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from heavebond import __version__
 from heavebond.core.quoting import c_comment
+from heavebond.core.version import VERSION
 from heavebond.core.writable import write_text
 from heavebond.exchange.portable import Portable, Quantity, portable
 from heavebond.language.model import Model
@@ -65,7 +65,7 @@ def _used(code: str) -> str:
 def _head(made: Portable, prefix: str) -> str:
     """The comment that says what stands where."""
     parts = [
-        f"{made.name}: equations in C, written by heavebond {__version__}", "",
+        f"{made.name}: equations in C, written by heavebond {VERSION}", "",
         f"int {prefix}_evaluate(double t, const double *x, double *z, const double *p, const double *u,",
         f"{' ' * len(prefix)}              double *dx, double *y)", "",
         "gives the derivatives dx = dx/dt of the states x and the outputs y at the time t; either may be a null pointer.",

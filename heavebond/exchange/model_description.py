@@ -11,9 +11,9 @@ from dataclasses import replace
 from math import isfinite
 from xml.etree import ElementTree as Xml
 
-from heavebond import __version__
 from heavebond.core.quoting import xml_text
 from heavebond.core.units import Unit
+from heavebond.core.version import VERSION
 from heavebond.equations.events import FlatEvent
 from heavebond.exchange.portable import Portable, Quantity, derived
 from heavebond.numerics.output_times import grid
@@ -27,7 +27,7 @@ def description(made: Portable, identifier: str, token: str, version: int = 3) -
     structured = all(STRUCTURED.fullmatch(q.name) for q in shown)
     root = Xml.Element("fmiModelDescription", {
         "fmiVersion": f"{version}.0", "modelName": made.name, "instantiationToken" if version == 3 else "guid": token,
-        "generationTool": f"heavebond {__version__}",
+        "generationTool": f"heavebond {VERSION}",
         "variableNamingConvention": "structured" if structured else "flat",
         **({"numberOfEventIndicators": str(len(_conditions(made)))} if version == 2 else {}),
         **({"description": summary} if (summary := made.assembly.model.summary) else {})})

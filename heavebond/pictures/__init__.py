@@ -1,1 +1,35 @@
 """Plots, drawings and animations."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from heavebond.core.facade import provides
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from heavebond.estimation.comparison import Comparison
+    from heavebond.language.model import Model
+    from heavebond.numerics.result import Result
+
+
+@provides("Model._repr_svg_")
+def _drawing(model: Model) -> str:
+    from heavebond.pictures.drawing import draw
+
+    return draw(model)
+
+
+@provides("Result.plot")
+def _plot_of_run(result: Result, names: tuple[str, ...]) -> Figure:
+    from heavebond.pictures.plot import plot_signals
+
+    return plot_signals(result, names)
+
+
+@provides("Comparison.plot")
+def _plot_of_comparison(comparison: Comparison) -> Figure:
+    from heavebond.pictures.plot import plot_comparison
+
+    return plot_comparison(comparison)

@@ -8,26 +8,32 @@ from __future__ import annotations
 
 import base64
 import io
-import math
 from collections.abc import Iterable, Sequence
-from functools import partial
 from typing import TYPE_CHECKING
 
 from heavebond.core.errors import HeavebondError
-from heavebond.core.presentation import count, in_unit, number, readable_difference, readable_unit, unit_label
+from heavebond.core.presentation import count, number, readable_unit, unit_label
 from heavebond.core.units import dimension_text, read_unit
-from heavebond.diagnosis.probability import PROBABILITY
 from heavebond.language.definition import Value
 from heavebond.pictures.markup import Html, element, table
+from heavebond.reports.result_tables import (
+    Item,
+    Line,
+    ResultTable,
+    comparison_items,
+    effect_table,
+    fit_items,
+    ladder_table,
+    probability_table,
+)
 from heavebond.text.expression import Number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from heavebond.diagnosis.diagnosis import Diagnosis
-    from heavebond.diagnosis.ladder import LadderEntry
-    from heavebond.estimation.comparison import Channel, Comparison
-    from heavebond.estimation.fitting import Fit, Fitted
+    from heavebond.estimation.comparison import Comparison
+    from heavebond.estimation.fitting import Fit
     from heavebond.language.model import Model
     from heavebond.numerics.dae import Array
     from heavebond.numerics.result import Result
@@ -71,44 +77,27 @@ def result_html(result: Result) -> Html:
 
 
 def comparison_html(comparison: Comparison) -> Html:
-    """A comparison: error, noise and fit of each channel of each record, and the figure where it has few points."""
+    """A comparison: the tables of `heavebond compare`, and the figure if it has few axes."""
     from heavebond.pictures.plot import plot_comparison
 
-    rows = [_channel(part.name if k == 0 else "", part.use if k == 0 else "", channel) for part in comparison.parts
-            for k, channel in enumerate(part.channels.values())]
-    made = table(("record", "use", "channel", "rms error", "bias", "noise", "fit", "reduced χ²"), rows[:MOST_ROWS],
-                 numbers=range(3, 8))
     channels = [c for r in comparison.records.values() for c in r.channels.values()]
     points = sum(3 * len(c.time) for c in channels)
     picture = [_figure(plot_comparison(comparison), points, "records and model over time")] if len(channels) <= MOST_AXES \
         else []
-    return element("div", _heading(comparison.experiment.name, count(len(comparison.records), "record")), made,
-                   *_more(rows), *picture)
+    return element("div", _heading(comparison.experiment.name, count(len(comparison.records), "record")),
+                   *_items(comparison_items(comparison)), *picture)
 
 
 def fit_html(fit: Fit) -> Html:
-    """A fit: its parameters with their intervals and ranges, then the errors of each channel before and after."""
-    made = table(("parameter", "before", "value", "95 % interval", "range"), [_parameter(p) for p in fit.parameters],
-                 numbers=(1, 2))
-    rows = [(part.name, part.use, name, *(readable_difference(v, channel.unit, 3) for v in (
-        was.channels[name].error, channel.error, channel.noise)), number(channel.chi2, 3))
-            for was, part in zip(fit.before.parts, fit.after.parts, strict=True) for name, channel in part.channels.items()]
-    errors = table(("record", "use", "channel", "rms error before", "after", "noise", "reduced χ²"), rows[:MOST_ROWS],
-                   numbers=range(3, 7))
-    said = f"{count(fit.samples, 'sample')}, reduced χ² {number(fit.chi2, 4)}, {fit.message}"
-    return element("div", _heading(fit.experiment.name, said), made, _list(fit.identifiability.words), errors, *_more(rows))
+    """A fit: the tables of `heavebond fit`."""
+    return element("div", _heading(fit.experiment.name, fit.message), *_items(fit_items(fit)))
 
 
 def diagnosis_html(diagnosis: Diagnosis) -> Html:
-    """A diagnosis: its verdict in words, probabilities, the errors of the ladder, and the parameters of each finding."""
-    ladder = table(("model", "error, fitted", "error, held out", "reduced χ², fitted", "reduced χ², held out"),
-                   [_rung(rung) for rung in diagnosis.ladder], numbers=range(1, 5))
-    rows = [(finding.candidate.label, *_parameter(p)) for finding in diagnosis.findings for p in finding.parameters]
-    head = ("effect", "parameter", "before", "value", "95 % interval", "range")
-    found = [table(head, rows, numbers=(2, 3))] if rows else []
-    sure = table((PROBABILITY, ""), [e.row for e in diagnosis.events], numbers=(1,)) if diagnosis.events else ""
+    """A diagnosis: its verdict in words, probabilities, the errors of the models, and the parameters of each finding."""
+    tables = [*probability_table(diagnosis), ladder_table(diagnosis.ladder, "model"), *map(effect_table, diagnosis.findings)]
     return element("div", _heading(diagnosis.experiment.name, f"verdict {diagnosis.verdict}"), _list(diagnosis.words),
-                   sure, ladder, *found)
+                   *_items(tables))
 
 
 # -- rows ----------------------------------------------------------------------------------------------------------
@@ -140,32 +129,6 @@ def _course(name: str, unit: str, values: Array) -> tuple[str, ...]:
                                       for v in finite)
 
 
-def _channel(record: str, use: str, channel: Channel) -> tuple[str, ...]:
-    largest = max(channel.error, channel.noise)
-    error, bias, noise = (readable_difference(v, channel.unit, 3, beside=largest)
-                          for v in (channel.error, channel.bias, channel.noise))
-    return record, use, channel.name, error, bias, noise, _percent(channel.fit), number(channel.chi2, 3)
-
-
-def _parameter(p: Fitted) -> tuple[str, ...]:
-    unit = readable_unit(p.unit, p.value)
-    label = "" if unit == "1" else f" {unit_label(unit)}"
-    shown = partial(in_unit, unit=read_unit(unit), digits=p.digits)
-    least, most, before = (in_unit(v, read_unit(unit), 6) for v in (p.low, p.high, p.before))
-    value, ended = (in_unit(p.value, read_unit(unit), 6), f", at its {p.ended} end") if p.ended else (shown(p.value), "")
-    return (p.name + (f" ({p.record})" if p.record else ""), before + label, value + label, p.known(shown, label),
-            f"{least} .. {most}{label}{ended}")
-
-
-def _rung(rung: LadderEntry) -> tuple[str, ...]:
-    return (rung.name, _percent(100 * rung.error_fit), _percent(100 * rung.error_held_out), number(rung.chi2_fit, 4),
-            number(rung.chi2_held_out, 4))
-
-
-def _percent(value: float) -> str:
-    return f"{number(value, 3)} %" if math.isfinite(value) else "–"
-
-
 # -- pieces --------------------------------------------------------------------------------------------------------
 def _heading(name: str, said: str) -> Html:
     return element("p", element("strong", name), f": {said}" if said else "")
@@ -173,6 +136,19 @@ def _heading(name: str, said: str) -> Html:
 
 def _list(words: Sequence[str]) -> Html:
     return element("ul", *(element("li", w) for w in words)) if words else Html("")
+
+
+def _items(items: Iterable[Item]) -> Iterable[Html]:
+    """Tables, sentences and notes of a result, as `heavebond.reports.result_tables` gives them to the terminal."""
+    for item in items:
+        if isinstance(item, ResultTable):
+            yield element("p", item.title)
+            yield table(item.head, item.rows[:MOST_ROWS], numbers=range(item.text, len(item.head)))
+            yield from _more(item.rows)
+        elif isinstance(item, Line):
+            yield element("p", item.text)
+        else:
+            yield _list([f"{record}: {note}" if record else note for record, note in item.rows])
 
 
 def _more(rows: Sequence[object]) -> list[Html]:

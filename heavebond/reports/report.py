@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from heavebond import __version__
 from heavebond.core.errors import HeavebondError
 from heavebond.core.presentation import count, number, path_text, readable_difference, readable_unit
 from heavebond.core.units import read_unit
+from heavebond.core.version import VERSION
 from heavebond.diagnosis.diagnosis import Diagnosis
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, channel_errors, parameter_description, restrictions
 from heavebond.diagnosis.probability import PROBABILITY
@@ -345,5 +345,5 @@ def _tries(diagnosis: Diagnosis, name: str) -> list[str]:
 
 
 def _foot() -> Html:
-    return element("footer", element("p", f"Made by heavebond {__version__}. This page holds all that it shows and asks for "
+    return element("footer", element("p", f"Made by heavebond {VERSION}. This page holds all that it shows and asks for "
                                      "nothing from anywhere."))

@@ -15,7 +15,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from heavebond import __version__
 from heavebond.core.cancellation import clear_signal
 from heavebond.core.cluster import Cluster
 from heavebond.core.errors import Problem, UsageError
@@ -25,6 +24,7 @@ from heavebond.core.progress import Progress, duration
 from heavebond.core.quoting import file_stem
 from heavebond.core.reporting import place, reporting
 from heavebond.core.units import Unit
+from heavebond.core.version import VERSION
 from heavebond.core.writable import make_folder, write_text
 from heavebond.language.definition import FileInput
 from heavebond.studies.axes import StudyCase
@@ -242,7 +242,7 @@ def fingerprint(study: Study) -> str:
     for model in {id(case.levels): case.model for case in study.cases}.values():
         files |= {*model.files, *model.library.files.values()}
         files |= {s.value.file for s in model.settings.values() if isinstance(s.value, FileInput)}
-    digest = hashlib.sha256(f"{__version__} {sorted(study.calibrated.items())}".encode())
+    digest = hashlib.sha256(f"{VERSION} {sorted(study.calibrated.items())}".encode())
     for path in sorted(files):
         digest.update(path.name.encode())
         digest.update(path.read_bytes() if path.is_file() else b"")

@@ -1,6 +1,6 @@
-"""The library as pages: one for each component and each function, made from its file alone, an index of each domain, one of
-all.
+"""Build script of docs/components/: a page for each component and function, made from its file alone, and the indexes.
 
+    python docs/component_pages.py [FOLDER]        writes the pages (`make pages`)
     pages()  ->  {"index.md": ..., "pneumatic/receiver.md": ..., "pneumatic/receiver.svg": ..., ...}
 
 Restrictions come first, as they decide whether a component may be used. Equations are TeX between dollar signs, which
@@ -10,6 +10,7 @@ mkdocs, GitHub and editors render.
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -302,3 +303,8 @@ def _prose(text: str) -> str:
 def _unit(text: str) -> str:
     """A unit as it is printed; one that is open (`$U`) as it is written, since a dollar sign begins a formula."""
     return f"`{text}`" if "$" in text else unit_label(text)
+
+
+if __name__ == "__main__":
+    target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "components"
+    print(f"wrote pages about {write_pages(target)} components to {target}")
