@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 @click.option("--reference", metavar="PATH=VALUE", multiple=True,
               help="A value of the run that ref(...) is taken from. May be repeated.")
 @set_option
-@click.option("--method", default="trust", show_default=True, help="trust, slsqp or ipopt.")
+@click.option("--method", default="trust", show_default=True, help="trust or ipopt.")
 @click.option("--explore", type=Whole(0), default=5, show_default=True,
               help="Plain runs at points spread over the ranges before the search.")
 @click.option("--starts", type=Whole(1), default=1, show_default=True,

@@ -3,8 +3,8 @@
 `trust`: sequential quadratic programming in a trust region. The curvature is what the sensitivities of signals tell at each
 point (Gauss-Newton), corrected by the last step (symmetric rank one); where only gradients are known it is estimated from
 these (damped BFGS). A run that breaks down, or a machine that has lost its stability, is a step that was too long.
-`slsqp`: D. Kraft, A software package for sequential quadratic programming, 1988, as in SciPy; `ipopt`: A. Wachter and
-L. T. Biegler, 2006, doi:10.1007/s10107-004-0559-y, as in CasADi, with a limited-memory Hessian.
+`ipopt`: A. Wachter and L. T. Biegler, 2006, doi:10.1007/s10107-004-0559-y, as in CasADi, with a limited-memory Hessian: a
+check of `trust` by an independent method.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from heavebond.core.progress import Progress
 from heavebond.numerics.dae import Array
 from heavebond.optimise.objective import OBJECTIVE, Evaluation, Objective
 
-METHODS = ("trust", "slsqp", "ipopt")
+METHODS = ("trust", "ipopt")
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def search(problem: Objective, first: Array, method: str, most_steps: int, say: 
     first = np.clip(first, 0, 1)
     try:
         message = _trust(seen, first, most_steps, [found.best for found in others]) if method == "trust" else \
-            {"slsqp": _slsqp, "ipopt": _ipopt}[method](seen, first, most_steps)
+            _ipopt(seen, first, most_steps)
     except BaseException as error:
         if not (partial and is_interrupt(error) and any(np.isfinite(e.cost) for e in seen.path)):
             raise
@@ -325,31 +325,7 @@ def _updated(curvature: Array, old: Evaluation, new: Evaluation, forces: Array) 
     return np.asarray(curvature - np.outer(straight, straight) / expected + np.outer(turned, turned) / float(d @ turned))
 
 
-# -- SciPy and IPOPT ---------------------------------------------------------------------------------------------------
-def _slsqp(seen: _Seen, first: Array, most_steps: int) -> str:
-    from scipy.optimize import minimize
-
-    begin = seen.plain(first).cost
-    broken = SEARCH.failed_cost * abs(begin) if np.isfinite(begin) else SEARCH.failed_cost
-    n, k = len(first), len(seen.problem.limits)
-
-    def finite(value: Any) -> float:
-        return float(value) if np.isfinite(value) else broken
-
-    def slopes(y: Array) -> tuple[Array, Array]:
-        found = seen.slopes(y)
-        if found.gradient is None or found.limit_gradients is None:
-            return np.zeros(n), np.zeros((k, n))
-        return found.gradient, found.limit_gradients
-
-    limits: Any = [{"type": "ineq", "fun": lambda y, i=i: -finite(seen.guarded(y).limits[i]),
-                    "jac": lambda y, i=i: -slopes(y)[1][i]} for i in range(k)]
-    found = cast(Any, minimize)(lambda y: finite(seen.guarded(y).cost), first, jac=lambda y: slopes(y)[0], method="SLSQP",
-                     bounds=[(0.0, 1.0)] * n, constraints=limits,
-                     options={"maxiter": most_steps, "ftol": SEARCH.converged * abs(finite(begin))})
-    return str(found.message)
-
-
+# -- IPOPT -------------------------------------------------------------------------------------------------------------
 class _Slopes(ca.Callback):
     """The Jacobian of `_Costs`, as CasADi asks for it."""
 

@@ -76,7 +76,7 @@ def tune(model: ModelOrFile | Assembly | Objective, task: TuningProblem, *, expl
     `model` is a diagram, an Assembly or an Objective that exists already; `task` comes from `tuning_task` or a study.
     The diagram's own values and `explore` points of a Latin hypercube (drawn with `seed`) are simulated without
     gradients, as the gradient of the cost beyond the stability boundary is of no use. From the best `starts` of them a
-    search with exact gradients goes on for at most `most_steps` steps; `method` is trust, slsqp or ipopt (see
+    search with exact gradients goes on for at most `most_steps` steps; `method` is trust or ipopt (see
     `heavebond.optimise.search`). Values of the result are in SI. `progress` is called with a text at each step. With
     `partial` Ctrl-C returns the best so far (`message` is "interrupted"), once a first run is through. Raises UsageError
     for what is wrong in the task.
