@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from collected import for_each
 
 from heavebond.core.errors import ModelError
 from heavebond.language.definition import Component
@@ -18,7 +19,10 @@ DOMAINS = library().domains
 FILES = [path for path in (*sorted(bundled("components").rglob("*.yaml")),
                            *sorted(bundled("models").glob("*/components/**/*.yaml")))
          if path.name not in ("domains.yaml", "effect_classes.yaml") and path.parent.name != "functions"]
-every_file = pytest.mark.parametrize("path", FILES, ids=[path.stem for path in FILES])
+
+
+def name_of(path: Path) -> str:
+    return path.stem
 
 
 def load(path: Path) -> Component:
@@ -26,21 +30,17 @@ def load(path: Path) -> Component:
     return known.component(next(name for name, file in known.files.items() if file == path))
 
 
-@every_file
-def test_units_agree_and_equations_balance(path: Path) -> None:
-    check(load(path), DOMAINS)
-
-
 @pytest.mark.long
-@every_file
+@for_each("path", FILES, ids=name_of, parts=12)
 def test_power_is_stored_dissipated_or_declared(path: Path) -> None:
     report = check_power(load(path), DOMAINS)
     assert report.holds, "\n".join([report.verdict, *report.notes])
 
 
-@every_file
-def test_everything_is_said(path: Path) -> None:
+@for_each("path", FILES, ids=name_of, parts=2)
+def test_units_agree_equations_balance_and_everything_is_said(path: Path) -> None:
     component = load(path)
+    check(component, DOMAINS)
     assert component.summary.endswith("."), "the summary is a sentence"
     # where the words of `LuGreFriction` end is the author's choice
     assert path.stem.replace("_", "") == component.name.lower(), "the file has the component's name in snake_case"
@@ -52,12 +52,7 @@ def test_everything_is_said(path: Path) -> None:
     for line in component.equations:
         assert line.label, f"the equation `{line.text.strip()}` has no name"
     assert all(port.domain for port in component.ports.values())
-
-
-@every_file
-def test_widths_of_transitions_are_declared(path: Path) -> None:
-    """`heavebond run --verify` narrows the parameters that say `width`; the second argument of a smooth law is one."""
-    component = load(path)
+    # `heavebond run --verify` narrows the parameters that say `width`; the second argument of a smooth law is one
     waiting = [side for line in component.equations for side in (line.tree.left, line.tree.right)]
     while waiting:
         expr = waiting.pop()

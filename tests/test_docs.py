@@ -15,6 +15,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from collected import for_each
 from doc_pages import PAGES, ROOT, PageRun, alike, blocks, rewrite
 
 from heavebond.exchange.fmu_export import COMPILERS
@@ -28,8 +29,19 @@ def _name(page: Path) -> str:
     return str(page.relative_to(ROOT))
 
 
+OF_COMPONENTS = [page for page in PAGES if page.parent.parent.name == "components"]
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("page", PAGES, ids=_name)
+@for_each("page", OF_COMPONENTS, ids=_name, parts=8)
+def test_every_block_of_the_pages_of_components_is_so(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = PageRun(page).execute().found
+    assert not found, "\n\n".join(found)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("page", [page for page in PAGES if page not in OF_COMPONENTS], ids=_name)
 def test_every_block_of_a_page_is_so(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("COLUMNS", raising=False)
@@ -39,7 +51,7 @@ def test_every_block_of_a_page_is_so(page: Path, tmp_path: Path, monkeypatch: py
     assert not found, "\n\n".join(found)
 
 
-@pytest.mark.parametrize("page", [*PAGES, *ROOT.glob("*.md"), *ROOT.glob("models/**/*.md")], ids=_name)
+@for_each("page", [*PAGES, *ROOT.glob("*.md"), *ROOT.glob("models/**/*.md")], ids=_name)
 def test_links_lead_somewhere(page: Path) -> None:
     for target in LINK.findall(FENCED.sub("", page.read_text(encoding="utf-8"))):
         if target.startswith(("http://", "https://")):

@@ -5,9 +5,11 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
+from collected import for_each
 
 import heavebond
 
@@ -42,10 +44,16 @@ def _statements(node: ast.AST, *, inside: bool) -> Iterator[ast.Import | ast.Imp
             yield from _statements(child, inside=inside)
 
 
+@cache
+def _tree(module: str) -> ast.Module:
+    return ast.parse(FILES[module].read_text(encoding="utf-8"))
+
+
+@cache
 def _imported(module: str, *, inside: bool = True) -> set[str]:
     """Dotted names that a module imports, `heavebond.core.units` as well as `numpy.typing`."""
     found: set[str] = set()
-    for statement in _statements(ast.parse(FILES[module].read_text(encoding="utf-8")), inside=inside):
+    for statement in _statements(_tree(module), inside=inside):
         if isinstance(statement, ast.Import):
             found |= {alias.name for alias in statement.names}
         else:
@@ -73,7 +81,7 @@ def test_every_package_has_one_row() -> None:
     assert sorted(PACKAGES) == sorted({_package(module) for module in FILES} - {"__init__"})
 
 
-@pytest.mark.parametrize("module", [m for m in FILES if m != "__init__"])
+@for_each("module", [m for m in FILES if m != "__init__"])
 def test_imports_point_down(module: str) -> None:
     rank = {name: k for k, name in enumerate(PACKAGES)}
     upwards = [name for name in _own(module) if name != "__init__" and rank[_package(name)] < rank[_package(module)]]
@@ -85,9 +93,9 @@ def test_an_import_for_the_type_checker_counts() -> None:
     assert len(list(_statements(tree, inside=True))) == 1
 
 
-@pytest.mark.parametrize("module", FILES)
+@for_each("module", FILES)
 def test_the_first_line_says_what_a_module_is_for(module: str) -> None:
-    first = (ast.get_docstring(ast.parse(FILES[module].read_text(encoding="utf-8"))) or "").partition("\n")[0]
+    first = (ast.get_docstring(_tree(module)) or "").partition("\n")[0]
     assert len(first) > 20, f"{module} begins with no sentence about its purpose"
 
 
@@ -112,7 +120,7 @@ def test_one_importer_of_a_package(package: str, importer: str) -> None:
     assert found == [importer]
 
 
-@pytest.mark.parametrize("module", [m for m in FILES if m in QUICK or m.startswith("commands")])
+@for_each("module", [m for m in FILES if m in QUICK or m.startswith("commands")])
 def test_quick_modules_import_nothing_heavy(module: str) -> None:
     at_once = _imported(module, inside=False)
     assert not {name.split(".")[0] for name in at_once} & HEAVY

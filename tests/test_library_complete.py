@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from pathlib import Path
 
-import pytest
+from collected import for_each
 from library_check import CHECKED
 
 from heavebond.language.definition import Component
@@ -35,7 +35,7 @@ def lacks(component: Component) -> list[str]:
             *(f"a doc of {item.name}" for item in words if not item.doc)]
 
 
-@pytest.mark.parametrize("name", COMPONENTS)
+@for_each("name", COMPONENTS)
 def test_nothing_is_left_out(name: str) -> None:
     assert lacks(COMPONENTS[name]) == []
 
@@ -110,7 +110,7 @@ NO_EFFECT = {
 }
 
 
-@pytest.mark.parametrize("item", WANTED)
+@for_each("item", WANTED)
 def test_what_users_look_for_is_there(item: str) -> None:
     """Each with parameters of a data sheet (words for all), source, symbol, example, page and a comparison by a test."""
     importlib.import_module("test_library_checked")  # which imports all comparisons
@@ -120,7 +120,7 @@ def test_what_users_look_for_is_there(item: str) -> None:
         assert name in CHECKED
 
 
-@pytest.mark.parametrize("item", WANTED)
+@for_each("item", WANTED)
 def test_the_list_has_effects_where_they_apply(item: str) -> None:
     """An effect that attaches or a dormant parameter, each with a formula of its own by a test, or the reason why none."""
     importlib.import_module("test_library_checked")

@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from collected import for_each
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -247,8 +248,8 @@ def test_any_diagram_is_assembled_or_explained(text: str) -> None:
     assert found is None or all(p.code and p.message and str(p) for p in found.problems)
 
 
-@pytest.mark.parametrize("attack", ATTACKS)
-@pytest.mark.parametrize("line", range(len(SLIDER.splitlines())))
+@for_each("attack", ATTACKS)
+@for_each("line", range(len(SLIDER.splitlines())))
 def test_nothing_read_is_executed_or_opened(attack: str, line: int) -> None:
     """A value of the diagram replaced by an attack: no process is started, and no file is opened for writing."""
     lines = SLIDER.splitlines()

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from collected import for_each
 
 import heavebond as hb
 from heavebond.core.errors import HeavebondError
@@ -67,10 +68,10 @@ def attempt(path: Path) -> None:
     start(assembly, 0.0, u)
 
 
-@pytest.fixture
-def problem(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, HeavebondError]:
-    """The name of a case and what the program says of it, seen from the folder of its file."""
-    name: str = request.param
+@for_each("name", CASES, parts=4)
+def test_message(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    """The message of each case, seen from the folder of its file: as stored; with code, place and advice; in words of the
+    user."""
     path = WRITTEN.get(name, tmp_path / f"{name}.yaml")
     content = GENERATED.get(name)
     if content is not None:
@@ -82,21 +83,11 @@ def problem(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.
     with pytest.raises(HeavebondError) as caught:
         attempt(Path(path.name))
     assert sorted(path.parent.iterdir()) == before, "reading a wrong file has written something"
-    return name, caught.value
-
-
-@pytest.mark.parametrize("problem", CASES, indirect=True)
-def test_message(problem: tuple[str, HeavebondError], request: pytest.FixtureRequest) -> None:
-    name, error = problem
+    error = caught.value
     golden = WRONG / f"{name}.txt"
     if request.config.getoption("--update-golden"):
         golden.write_text(f"{error}\n", encoding="utf-8")
     assert f"{error}\n" == golden.read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("problem", CASES, indirect=True)
-def test_message_has_code_place_and_advice(problem: tuple[str, HeavebondError]) -> None:
-    name, error = problem
     assert error.problems
     for one in error.problems:
         assert re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", one.code)
@@ -106,11 +97,7 @@ def test_message_has_code_place_and_advice(problem: tuple[str, HeavebondError]) 
             assert 1 <= one.place.column <= len(one.place.text) + 1
             assert f"{one.place.file}:{one.place.line}: " in str(error)
     assert max(map(len, str(error).splitlines())) < 200
-
-
-@pytest.mark.parametrize("problem", CASES, indirect=True)
-def test_message_is_in_the_words_of_the_user(problem: tuple[str, HeavebondError], tmp_path: Path) -> None:
-    said = str(problem[1])
+    said = str(error)
     for inside in ("Traceback", " object at 0x", "None", "casadi", "numpy", "<class", "Errno", *_class_names()):
         assert not re.search(rf"(?<!\w){re.escape(inside)}(?!\w)", said), inside
     for folder in (Path(hb.__file__).parents[1], tmp_path, Path.home()):

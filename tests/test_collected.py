@@ -1,0 +1,58 @@
+"""`for_each` runs every case, reports all failures, and gives each case its own folder and patches."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from collected import for_each
+
+
+def test_all_failing_cases_are_reported_and_none_is_left_out() -> None:
+    seen: list[int] = []
+
+    @for_each("number", [1, 2, 3, 4], ids=lambda n: f"number {n}")
+    def check(number: int) -> None:
+        seen.append(number)
+        assert number % 2, f"{number} is even"
+
+    with pytest.raises(AssertionError) as raised:
+        check()
+    said = str(raised.value)
+    assert seen == [1, 2, 3, 4]
+    assert "2 of 4 cases fail" in said and "--- number 2" in said and "4 is even" in said and "number 3" not in said
+
+
+def test_an_empty_list_of_cases_is_an_error() -> None:
+    with pytest.raises(AssertionError, match="there is no case"):
+        for_each("number", [])
+
+
+def test_a_skipped_case_does_not_hide_a_failing_one() -> None:
+    @for_each("number", [1, 2])
+    def check(number: int) -> None:
+        if number == 1:
+            pytest.skip("not here")
+        raise ValueError("at fault")
+
+    with pytest.raises(AssertionError, match="1 of 2 cases fail"):
+        check()
+
+
+@for_each("name, text", [("a", "first"), ("b", "second")])
+def test_each_case_has_its_folder_and_its_patches(name: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+                                                  ) -> None:
+    assert not list(tmp_path.iterdir())
+    assert "OF_A_CASE" not in os.environ
+    monkeypatch.setenv("OF_A_CASE", text)
+    (tmp_path / name).write_text(text)
+
+
+NUMBERS: list[int] = []
+
+
+@for_each("number", range(7), parts=3)
+def test_parts_divide_the_cases(number: int) -> None:
+    NUMBERS.append(number)
+    assert sorted(NUMBERS) == sorted(set(NUMBERS))
