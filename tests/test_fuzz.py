@@ -38,9 +38,13 @@ def test_what_random_diagrams_have_found_ends_as_it_should(file: Path) -> None:
 
 
 def test_a_good_share_of_the_diagrams_runs() -> None:
-    """What is refused at the first glance would try nothing."""
-    outcomes = [judge(seed, diagram(seed).text()).outcome for seed in range(1000, 1020)]
-    assert outcomes.count("ran") >= 2
+    """At least two of twenty; the check ends with the second. Diagrams that are refused at once would try nothing."""
+    ran = 0
+    for seed in range(1000, 1020):
+        ran += judge(seed, diagram(seed).text()).outcome == "ran"
+        if ran == 2:
+            return
+    pytest.fail(f"{ran} of 20 random diagrams run")
 
 
 def test_a_seed_gives_the_same_text() -> None:
