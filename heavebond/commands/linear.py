@@ -103,7 +103,7 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
     else:
         channels, found = [system.channel(o, i) for i in system.inputs for o in system.outputs], None
         span = _span(channels, frequencies)
-        told["channels"] = _print_channels(channels, span)
+        told["channels"] = _print_channels(channels, span, within=frequencies is not None)
     files = _draw(diagram.name, made.points.words, channels, span, found, picture, until, output)
     if saved is not None:
         _save_matrices(channels[0] if loop else system, saved)
@@ -149,8 +149,9 @@ def _span(channels: Sequence[StateSpace], asked: str | None) -> Array:
     return spread(-ends.astype(complex), channels[0].poles)
 
 
-def _print_channels(channels: Sequence[StateSpace], span: Array) -> list[dict[str, object]]:
-    """A table of static gain, largest gain and zeros of each channel; the same for machines."""
+def _print_channels(channels: Sequence[StateSpace], span: Array, *, within: bool) -> list[dict[str, object]]:
+    """A table of static gain, largest gain and zeros of each channel; the same for machines. The largest gain is that of all
+    frequencies with 0, or of those of the span (`within`)."""
     import numpy as np
 
     from heavebond.commands import terminal
@@ -162,17 +163,19 @@ def _print_channels(channels: Sequence[StateSpace], span: Array) -> list[dict[st
     for base in channels:
         channel, scale = base.displayed(), read_unit(base.shown[0]).scale
         gains = np.abs(channel.response(2j * np.pi * span)[:, 0, 0])
-        # the DC gain, at a frequency so low that nothing but a free body moves on
-        static = float(channel.response(np.array([1e-9j * span[0]]))[0, 0, 0].real)
+        static, integrators = float(channel.dc_gain()[0, 0]), channel.poles_at_zero()
         infinite = [f for f in channel.unbounded() if span[0] <= f <= span[-1]]
         gain, at = (np.inf, float(infinite[0])) if infinite else (
             float(gains.max()), float(span[int(np.argmax(gains))]))
-        rows.append((channel_name(channel), ratio(channel), number(static, 4),
-                     "infinite (undamped)" if infinite else number(gain, 4), f"{number(at, 4)} Hz"))
+        words = "infinite (undamped)" if infinite else number(gain, 4)
+        if abs(static) > gain and not within:
+            gain, at, words = abs(static), 0.0, "infinite (integrator)" if integrators else number(abs(static), 4)
+        rows.append((channel_name(channel), ratio(channel), "infinite" if integrators else number(static, 4), words,
+                     f"{number(at, 4)} Hz"))
         told.append({"from": channel.inputs[0], "to": channel.outputs[0], "unit": base.units[2][0],
-                     "static_gain": static * scale, "peak_gain": None if infinite else gain * scale,
-                     "peak_frequency": at, "proper": channel.proper,
-                     "zeros": _zeros(channel)})
+                     "static_gain": None if integrators else static * scale, "integrators": integrators,
+                     "peak_gain": gain * scale if np.isfinite(gain) else None, "peak_frequency": at,
+                     "proper": channel.proper, "zeros": _zeros(channel)})
     terminal.output().print(terminal.table("", ("channel", "unit", "DC gain", "largest gain", "at"), rows, text=2))
     return told
 

@@ -109,8 +109,8 @@ def _not_computed(found: SlowModes) -> list[str]:
 
 
 def _told(mode: Mode, share: ModalShares) -> dict[str, object]:
-    return {"real": mode.value.real, "imaginary": mode.value.imag, "frequency": mode.frequency, "damping": mode.damping,
-            "participation": mode.participation, "energy": share.energy, "damped_by": share.damping}
+    return {"real": mode.value.real, "imaginary": mode.value.imag, "frequency": mode.frequency,
+            "damping": mode.damping if mode.value else None, "participation": mode.participation, "energy": share.energy, "damped_by": share.damping}
 
 
 def _point_told(assembly: Assembly, point: Point) -> dict[str, object]:

@@ -26,7 +26,8 @@ from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.linear.disturbance import inner_name
 from heavebond.linear.linearisation import Linear, Linearisation
 from heavebond.linear.operating_point import OperatingPoints
-from heavebond.linear.stability import Stability, eigenvalues, stability
+from heavebond.linear.stability import Stability, eigenvalues, stability, with_zeros
+from heavebond.linear.zero_frequency import Leading, leading, with_zeros_at_zero
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.output_times import Time
 from heavebond.numerics.result import unknown_signal
@@ -161,6 +162,22 @@ class StateSpace:
         points = points[:, None, None]
         return np.asarray(through + self.d + points * self.higher[0] + points**2 * self.higher[1])
 
+    def dc_gain(self) -> Array:
+        """The gains (k, m) at zero frequency in SI, infinite where poles at 0 are left: decided by the poles and zeros at
+        s = 0 (see `zero_frequency`)."""
+        return np.array([[self._leading(i, j).gain for j in range(len(self.inputs))] for i in range(len(self.outputs))]
+                        ).reshape(len(self.outputs), len(self.inputs))
+
+    def poles_at_zero(self) -> int:
+        """The most integrators in series of a channel, those that zeros cancel apart."""
+        return max((self._leading(i, j).integrators for i in range(len(self.outputs)) for j in range(len(self.inputs))),
+                   default=0)
+
+    def _leading(self, i: int, j: int, highest: int = 0) -> Leading:
+        """The first term at s = 0 of the output i from the input j."""
+        a, b, c = self._scaled()
+        return leading(a, b[:, j], c[i], np.array([self.d[i, j], *self.higher[:, i, j]]), highest)
+
     def zeros(self) -> Complex:
         """The transmission zeros of one channel: where det [[a - s, b], [c, d + s higher]] is 0.
 
@@ -182,7 +199,9 @@ class StateSpace:
         mass = np.block([[np.eye(len(a)), np.zeros_like(b)], [np.zeros_like(c), -higher]])
         top, bottom = eigvals(pencil, mass, homogeneous_eigvals=True)
         finite = np.abs(top) < LINEAR_SYSTEM.infinite * np.abs(bottom)
-        return np.asarray(largest * top[finite] / bottom[finite], dtype=complex)
+        found = np.asarray(largest * top[finite] / bottom[finite], dtype=complex)
+        power = self._leading(0, 0, len(self.states) + 1).power
+        return found if power is None else with_zeros_at_zero(found, power + int(np.count_nonzero(self.poles == 0)))
 
     def step(self, time: Array) -> Array:
         """What the outputs do (N, k, m) after a unit step of an input, at equally spaced times (N,) from 0 on; an impulse
@@ -204,8 +223,8 @@ class StateSpace:
         a, b, c = self._scaled()
         values, right = np.linalg.eig(a)
         residues = np.abs((c[0] @ right) * np.linalg.lstsq(right, b[:, 0].astype(complex), rcond=None)[0])
-        # integrators have no frequency of their own; they come as poles of the size of rounding
-        moving = np.abs(values) > LINEAR_SYSTEM.free * np.abs(values).max(initial=0.0)
+        values = with_zeros(values.astype(complex), a)
+        moving = values != 0  # integrators have no frequency of their own
         values, residues = values[moving], residues[moving]
         weights = residues / np.maximum(np.abs(values.real), 1e-2 * np.abs(values))
         return np.asarray(values[weights >= LINEAR_SYSTEM.visible * weights.max(initial=0.0)], dtype=complex)

@@ -53,8 +53,9 @@ class Mode:
 
     @property
     def damping(self) -> float:
-        """-Re(s) / |s|: 0 at the stability boundary, 1 where nothing swings, below 0 where the mode grows."""
-        return float(-self.value.real / abs(self.value)) if self.value else 0.0
+        """-Re(s) / |s|: 0 at the stability boundary, 1 where nothing swings, below 0 where the mode grows, not a number for
+        a free mode."""
+        return float(-self.value.real / abs(self.value)) if self.value else float("nan")
 
     @property
     def swings(self) -> bool:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from heavebond.core.errors import Problem, UsageError
 from heavebond.linear.linear_system import dense_response
 from heavebond.linear.stability import eigenvalues
+from heavebond.linear.zero_frequency import leading, states_between, with_zeros_at_zero
 from heavebond.numerics.dae import Array
 
 Complex = NDArray[np.complex128]
@@ -107,13 +109,18 @@ class Transfer:
         """The eigenvalues of A in 1/s, zeros exact."""
         return eigenvalues(self.a) * self.rate
 
+    @cached_property
+    def static(self) -> float:
+        """L(0), infinite with an integrator that no zero cancels."""
+        return leading(self.a, self.b, self.c, np.array([self.d])).gain
+
 
 def transfer(a: Array, b: Array, c: Array, d: float, dead_time: float = 0.0) -> Transfer:
     """A transfer function from a (n, n), b (n,), c (n,), d: states that its input does not reach or its output does not
     see are left out, the others balanced, and time is counted in the fastest rate."""
     from scipy.linalg import matrix_balance
 
-    kept = _between(a, b, c)
+    kept = states_between(a, b, c)
     a, b, c = a[np.ix_(kept, kept)], b[kept], c[kept]
     if not len(a):
         return Transfer(a, b, c, d, 1.0, dead_time)
@@ -124,21 +131,12 @@ def transfer(a: Array, b: Array, c: Array, d: float, dead_time: float = 0.0) -> 
     return Transfer(a / rate, b / rate / size, c * size, d, rate, dead_time)
 
 
-def _between(a: Array, b: Array, c: Array) -> NDArray[np.int64]:
-    """The states on the ways from the input to the output."""
-    reached, seen = b != 0, c != 0
-    for _ in range(len(a)):
-        further = reached | ((a != 0) @ reached), seen | ((a != 0).T @ seen)
-        if np.array_equal(further[0], reached) and np.array_equal(further[1], seen):
-            break
-        reached, seen = further
-    return np.asarray(np.flatnonzero(reached & seen))
-
-
 def zeros(of: Transfer) -> Complex:
     """The zeros in 1/s."""
     n = len(of.a)
-    return _finite(np.block([[of.a, of.b[:, None]], [of.c[None, :], np.array([[of.d]])]]), n) * of.rate
+    found = _finite(np.block([[of.a, of.b[:, None]], [of.c[None, :], np.array([[of.d]])]]), n) * of.rate
+    power = leading(of.a, of.b, of.c, np.array([of.d]), n).power
+    return found if power is None else with_zeros_at_zero(found, power + int(np.count_nonzero(of.poles == 0)))
 
 
 def magnitude_crossings(of: Transfer, level: float = 1.0, shift: float = 0.0) -> list[float]:
@@ -201,8 +199,8 @@ def least_distance(of: Transfer) -> tuple[float, float]:
     """The least |1 + L| over all frequencies, and its omega in rad/s (0 and inf count)."""
     marks = np.abs(np.concatenate([_magnitude_marks(of, 1.0, 1.0), _real_marks(of)]).imag)
     best = (abs(1 + of.d), np.inf)
-    if np.all(of.poles != 0):
-        best = min(best, (abs(1 + of.one(0.0)), 0.0))
+    if np.isfinite(of.static):
+        best = min(best, (abs(1 + of.static), 0.0))
     best = min(best, _nearest(of, _nodes(of, marks, np.zeros(0))))
     if of.dead_time:  # where |L| is below 1 - d, -1 is farther away than d
         span = max(magnitude_crossings(of, max(1 - best[0], 1e-3)), default=0.0) + 2 * np.pi / of.dead_time

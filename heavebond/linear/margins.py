@@ -36,7 +36,8 @@ from heavebond.numerics.output_times import Time, seconds
 class MarginConstants:
     """The constants of gain, phase, delay and modulus margins.
 
-    uncut: distance from 1 of the direct gain of a loop that cannot be cut. Origin: rounding. Doubled: nothing.
+    uncut: direct gain of a loop, or distance from 1 of that of the closed one, that is rounding. Origin: rounding. Doubled:
+        nothing.
     no_gain: gain at any frequency below which a loop is rounding. Origin: rounding. Doubled: nothing.
     real: |Im L|/|L| at a crossing of the real axis; more is a pole or zero on the imaginary axis. Origin: errors of
         crossings. Doubled: nothing.
@@ -168,10 +169,9 @@ def crossings(loop: StateSpace, closed: Stability, *, dead_time: float = 0.0) ->
     of = transfer_of(loop, dead_time)
     gain = [Margin(1 / abs(value), omega / (2 * np.pi)) for omega in crossing.real_crossings(of)
             if (value := of.one(omega)).real < 0 and abs(value.imag) < MARGINS.real * abs(value)]
-    poles = of.poles
-    if np.all(poles != 0) and (static := of.one(0.0).real) < 0:
-        gain.insert(0, Margin(-1 / static, 0.0))
-    if of.d < 0:
+    if np.isfinite(of.static) and of.static < 0:
+        gain.insert(0, Margin(-1 / of.static, 0.0))
+    if of.d < -MARGINS.uncut:
         gain.append(Margin(-1 / of.d, np.inf))
     phase, delay = [], []
     for omega in crossing.magnitude_crossings(of):

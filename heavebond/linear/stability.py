@@ -151,11 +151,11 @@ def stability(a: Array, sizes: Array, states: Sequence[str], rigid: Sequence[boo
     scaled = a * sizes / sizes[:, None]
     found: list[Eigenvalue] = []
     motion = rigid or [False] * len(states)
-    whole = float(np.linalg.norm(_balanced(scaled)[0], 2)) if len(a) else 0.0
+    whole = float(np.linalg.norm(balanced(scaled)[0], 2)) if len(a) else 0.0
     free: dict[tuple[bool, frozenset[str]], list[Eigenvalue]] = {}
     for block in strong_blocks(scaled):
         names, body = [states[k] for k in block], all(motion[k] for k in block)
-        matrix, scale = _balanced(scaled[np.ix_(block, block)])
+        matrix, scale = balanced(scaled[np.ix_(block, block)])
         rest, null, zeros = _without_zeros(matrix, STABILITY.rounding * len(a) * whole)
         if zeros:
             taking = _largest(np.abs(null * scale[:, None]) / np.abs(null * scale[:, None]).max(axis=0), names)
@@ -184,8 +184,8 @@ def eigenvalues(a: Array) -> Complex:
 
 def _regular_parts(a: Array) -> list[tuple[Array, int]]:
     """Of each strongly connected block of a matrix a regular one with its other eigenvalues, and how often it has 0."""
-    whole = float(np.linalg.norm(_balanced(a)[0], 2)) if len(a) else 0.0
-    parts = [_without_zeros(_balanced(a[np.ix_(block, block)])[0], STABILITY.rounding * len(a) * whole)
+    whole = float(np.linalg.norm(balanced(a)[0], 2)) if len(a) else 0.0
+    parts = [_without_zeros(balanced(a[np.ix_(block, block)])[0], STABILITY.rounding * len(a) * whole)
              for block in strong_blocks(a)]
     return [(rest, zeros) for rest, _, zeros in parts]
 
@@ -228,7 +228,7 @@ def with_zeros(values: Complex, a: Array) -> Complex:
     return found
 
 
-def _balanced(a: Array) -> tuple[Array, Array]:
+def balanced(a: Array) -> tuple[Array, Array]:
     """D^-1 A D with rows and columns of like sizes, and the diagonal of D (n,)."""
     from scipy.linalg import matrix_balance
 
@@ -236,21 +236,69 @@ def _balanced(a: Array) -> tuple[Array, Array]:
     return np.asarray(balanced), np.asarray(scale)
 
 
-def _without_zeros(a: Array, least: float) -> tuple[Array, Array, int]:
-    """A regular matrix with the other eigenvalues of A, its null vectors (n, k) and how often 0 is an eigenvalue."""
-    rest, null, zeros = a, np.zeros((len(a), 0)), 0
-    bound = least
+@dataclass(frozen=True)
+class ZeroStaircase:
+    """Q^T A Q = [[N, X], [0, R]]: `turn` Q (n, n) orthogonal, `nilpotent` N with the zero eigenvalues, `coupling` X and
+    `regular` R; the first `null` columns of Q are the null vectors of A."""
+
+    turn: Array
+    nilpotent: Array
+    coupling: Array
+    regular: Array
+    null: int
+
+    def solved(self, right: Array, bound: Array, share: float) -> tuple[Array, Array]:
+        """The coefficients (n, N) of the series x(s) with (s - A) x = r, for those of r (n, N) in rising powers of s, and
+        bounds of their rounding; `bound` (n, N) is that of r, and the entries of A are known to `share` of their values."""
+        q, z = self.turn, len(self.nilpotent)
+        if len(q) > 1:
+            right, bound = q.T @ right, np.abs(q.T) @ (bound + share * np.abs(right))
+        x, error = np.zeros_like(right), np.zeros_like(bound)
+        if z < len(q):
+            inverse = np.linalg.inv(self.regular)
+            sizes, lower = np.abs(inverse), np.abs(self.regular)
+            last, last_error = np.zeros(len(inverse)), np.zeros(len(inverse))
+            for k in range(right.shape[1]):
+                last = inverse @ (last - right[z:, k])
+                last_error = sizes @ (last_error + bound[z:, k] + share * (lower @ np.abs(last)))
+                x[z:, k], error[z:, k] = last, last_error
+        if z:
+            r = right[:z] + self.coupling @ x[z:]
+            e = bound[:z] + np.abs(self.coupling) @ (error[z:] + share * np.abs(x[z:]))
+            size = np.abs(self.nilpotent)
+            for j in range(1, z + 1):
+                x[:z, :-j] += r[:, j:]
+                error[:z, :-j] += e[:, j:]
+                r, e = self.nilpotent @ r, size @ (e + share * np.abs(r))
+        if len(q) > 1:
+            return q @ x, np.abs(q) @ (error + share * np.abs(x))
+        return x, error
+
+
+def zero_staircase(a: Array, least: float) -> ZeroStaircase:
+    """The zero eigenvalues of a matrix (n, n) apart from the others; singular values up to `least` are 0."""
+    rest, bound, null, steps = a, least, 0, list[int]()
+    turn = np.eye(len(a))
     while len(rest):
         sizes = np.linalg.svd(rest, compute_uv=False)
-        bound = max(bound, STABILITY.coupled * float(sizes[0])) if not zeros else bound
+        bound = max(bound, STABILITY.coupled * float(sizes[0])) if not steps else bound
         k = int(np.count_nonzero(sizes <= bound))
         if not k:
             break
         turned = np.linalg.svd(rest)[2][::-1].T
-        if not zeros:
-            null = turned[:, :k]
-        rest, zeros = (turned.T @ rest @ turned)[k:, k:], zeros + k
-    return rest, null, zeros
+        null, zeros = null or k, len(steps)
+        turn[:, zeros:] = turn[:, zeros:] @ turned
+        rest, steps = (turned.T @ rest @ turned)[k:, k:], steps + [len(set(steps))] * k
+    z = len(steps)
+    whole, step = turn.T @ a @ turn, np.array(steps, dtype=int)
+    nilpotent = np.where(step[:, None] < step[None, :], whole[:z, :z], 0.0)
+    return ZeroStaircase(turn, nilpotent, whole[:z, z:], rest, null)
+
+
+def _without_zeros(a: Array, least: float) -> tuple[Array, Array, int]:
+    """A regular matrix with the other eigenvalues of A, its null vectors (n, k) and how often 0 is an eigenvalue."""
+    stairs = zero_staircase(a, least)
+    return stairs.regular, stairs.turn[:, :stairs.null], len(stairs.nilpotent)
 
 
 def _regular(rest: Array, whole: Array, names: Sequence[str], zeros: int) -> list[Eigenvalue]:

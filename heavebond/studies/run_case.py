@@ -208,7 +208,7 @@ def _modes(study: Study, assembly: Assembly) -> tuple[dict[str, Any], ...]:
         for state, share in mode.participation.items():
             component = state.rpartition(".")[0] or state
             shares[component] = shares.get(component, 0.0) + share
-        found.append({"frequency": mode.frequency, "damping": mode.damping, "real": mode.value.real,
+        found.append({"frequency": mode.frequency, "damping": mode.damping if mode.value else None, "real": mode.value.real,
                       "imaginary": mode.value.imag, "swings": mode.swings,
                       "components": dict(sorted(shares.items(), key=lambda pair: -pair[1]))})
     return tuple(found)

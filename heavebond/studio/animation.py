@@ -108,7 +108,7 @@ def modes(assembly: Assembly, settings: Mapping[str, float | str]) -> Entry:
     at_start = ModesAtStart(assembly)
     first, found = at_start.at(settings)
     shares = energy_shares(assembly, start_point(first, at_start.u), found)
-    return {"modes": [{"frequency": mode.frequency, "damping": mode.damping, "swings": mode.swings,
+    return {"modes": [{"frequency": mode.frequency, "damping": mode.damping if mode.value else None, "swings": mode.swings,
                        "energy": _with_blocks(assembly.flat, share.energy)}
                       for mode, share in zip(found, shares, strict=True)]}
 
