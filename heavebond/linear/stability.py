@@ -239,66 +239,39 @@ def balanced(a: Array) -> tuple[Array, Array]:
 @dataclass(frozen=True)
 class ZeroStaircase:
     """Q^T A Q = [[N, X], [0, R]]: `turn` Q (n, n) orthogonal, `nilpotent` N with the zero eigenvalues, `coupling` X and
-    `regular` R; the first `null` columns of Q are the null vectors of A."""
+    `regular` R. `steps` are the numbers of null vectors of A, of the rest of it, and so on."""
 
     turn: Array
     nilpotent: Array
     coupling: Array
     regular: Array
-    null: int
-
-    def solved(self, right: Array, bound: Array, share: float) -> tuple[Array, Array]:
-        """The coefficients (n, N) of the series x(s) with (s - A) x = r, for those of r (n, N) in rising powers of s, and
-        bounds of their rounding; `bound` (n, N) is that of r, and the entries of A are known to `share` of their values."""
-        q, z = self.turn, len(self.nilpotent)
-        if len(q) > 1:
-            right, bound = q.T @ right, np.abs(q.T) @ (bound + share * np.abs(right))
-        x, error = np.zeros_like(right), np.zeros_like(bound)
-        if z < len(q):
-            inverse = np.linalg.inv(self.regular)
-            sizes, lower = np.abs(inverse), np.abs(self.regular)
-            last, last_error = np.zeros(len(inverse)), np.zeros(len(inverse))
-            for k in range(right.shape[1]):
-                last = inverse @ (last - right[z:, k])
-                last_error = sizes @ (last_error + bound[z:, k] + share * (lower @ np.abs(last)))
-                x[z:, k], error[z:, k] = last, last_error
-        if z:
-            r = right[:z] + self.coupling @ x[z:]
-            e = bound[:z] + np.abs(self.coupling) @ (error[z:] + share * np.abs(x[z:]))
-            size = np.abs(self.nilpotent)
-            for j in range(1, z + 1):
-                x[:z, :-j] += r[:, j:]
-                error[:z, :-j] += e[:, j:]
-                r, e = self.nilpotent @ r, size @ (e + share * np.abs(r))
-        if len(q) > 1:
-            return q @ x, np.abs(q) @ (error + share * np.abs(x))
-        return x, error
+    steps: tuple[int, ...]
 
 
-def zero_staircase(a: Array, least: float) -> ZeroStaircase:
-    """The zero eigenvalues of a matrix (n, n) apart from the others; singular values up to `least` are 0."""
-    rest, bound, null, steps = a, least, 0, list[int]()
+def zero_staircase(a: Array, least: float, steps: Sequence[int] | None = None) -> ZeroStaircase:
+    """The zero eigenvalues of a matrix (n, n) apart from the others; singular values up to `least` are 0, or so many of them
+    as `steps` say."""
+    rest, bound, counts, zeros = a, least, list[int](), 0
     turn = np.eye(len(a))
-    while len(rest):
+    while len(rest) and (steps is None or len(counts) < len(steps)):
         sizes = np.linalg.svd(rest, compute_uv=False)
-        bound = max(bound, STABILITY.coupled * float(sizes[0])) if not steps else bound
-        k = int(np.count_nonzero(sizes <= bound))
+        bound = max(bound, STABILITY.coupled * float(sizes[0])) if not zeros else bound
+        k = int(np.count_nonzero(sizes <= bound)) if steps is None else steps[len(counts)]
         if not k:
             break
         turned = np.linalg.svd(rest)[2][::-1].T
-        null, zeros = null or k, len(steps)
         turn[:, zeros:] = turn[:, zeros:] @ turned
-        rest, steps = (turned.T @ rest @ turned)[k:, k:], steps + [len(set(steps))] * k
-    z = len(steps)
-    whole, step = turn.T @ a @ turn, np.array(steps, dtype=int)
-    nilpotent = np.where(step[:, None] < step[None, :], whole[:z, :z], 0.0)
-    return ZeroStaircase(turn, nilpotent, whole[:z, z:], rest, null)
+        rest, zeros = (turned.T @ rest @ turned)[k:, k:], zeros + k
+        counts.append(k)
+    whole, step = turn.T @ a @ turn, np.repeat(np.arange(len(counts)), counts)
+    nilpotent = np.where(step[:, None] < step[None, :], whole[:zeros, :zeros], 0.0)
+    return ZeroStaircase(turn, nilpotent, whole[:zeros, zeros:], rest, tuple(counts))
 
 
 def _without_zeros(a: Array, least: float) -> tuple[Array, Array, int]:
     """A regular matrix with the other eigenvalues of A, its null vectors (n, k) and how often 0 is an eigenvalue."""
     stairs = zero_staircase(a, least)
-    return stairs.regular, stairs.turn[:, :stairs.null], len(stairs.nilpotent)
+    return stairs.regular, stairs.turn[:, :sum(stairs.steps[:1])], len(stairs.nilpotent)
 
 
 def _regular(rest: Array, whole: Array, names: Sequence[str], zeros: int) -> list[Eigenvalue]:
