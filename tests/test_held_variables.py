@@ -11,9 +11,7 @@ import pytest
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import UsageError
-from heavebond.linear.stability import STABLE
-
-UNDECIDED = "not decided"
+from heavebond.linear.stability import STABLE, UNDECIDED
 from heavebond.numerics.dae import assemble
 from heavebond.optimise.objective import Objective, tuning_task
 from heavebond.optimise.tuning import tune
@@ -122,7 +120,6 @@ def _memory(text: str) -> str:
     return text.replace("{is: SampleHold,", "{is: Memory,")
 
 
-@pytest.mark.xfail(strict=True, reason="held variables count as constants without a word")
 def test_a_loop_through_a_sample_and_hold_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """The loop was said not to exist, and the machine marginally stable; its gain margin is 2.793/2.7."""
     file = _file(SAMPLED_LOOP, tmp_path)
@@ -133,7 +130,6 @@ def test_a_loop_through_a_sample_and_hold_is_refused_by_name(tmp_path: Path, cap
     assert "marginally stable" not in said.out
 
 
-@pytest.mark.xfail(strict=True, reason="held variables count as constants without a word")
 @pytest.mark.parametrize(("text", "parts", "name", "kind"), [
     (SAMPLED_POSITION, {}, "h.last", "SampleHold"),
     (QUANTISED, {}, "h.k", "Quantiser"),
@@ -158,7 +154,6 @@ def test_modes_of_a_sampled_loop_give_no_verdict_and_name_the_block(text: str, p
     assert held[name]["treatment"].startswith("held constant") and name in said and f"machine.yaml:{line}" in said
 
 
-@pytest.mark.xfail(strict=True, reason="held variables count as constants without a word")
 def test_a_recorder_outside_of_the_loop_does_not_take_the_verdict(tmp_path: Path):
     """A sample and hold that reads the position, and that nothing reads."""
     file = _file(RECORDER, tmp_path)
@@ -170,7 +165,6 @@ def test_a_recorder_outside_of_the_loop_does_not_take_the_verdict(tmp_path: Path
     assert not system.channel("b.x", "b.f").held[0].between and system.channel("h.y", "b.f").held[0].between
 
 
-@pytest.mark.xfail(strict=True, reason="held variables count as constants without a word")
 def test_a_sampled_command_outside_of_the_loop_does_not_take_the_verdict(tmp_path: Path):
     """A force that follows a signal of time by samples."""
     text = OSCILLATOR.replace("f: {is: ForceSource, u: 0 N}", "f: {is: ForceSource}").replace(
@@ -179,7 +173,6 @@ def test_a_sampled_command_outside_of_the_loop_does_not_take_the_verdict(tmp_pat
     assert system.stable and [(h.name, h.in_loop) for h in system.held] == [("h.last", False)]
 
 
-@pytest.mark.xfail(strict=True, reason="held variables count as constants without a word")
 def test_state_spaces_and_their_exports_name_held_variables(tmp_path: Path):
     file = _file(SAMPLED_POSITION, tmp_path)
     system = hb.state_space(hb.load(file), ["b.f"], ["b.x"])
@@ -197,7 +190,6 @@ def test_state_spaces_and_their_exports_name_held_variables(tmp_path: Path):
     assert list(np.load(saved)["held"]) == [held.text]
 
 
-@pytest.mark.xfail(strict=True, reason="held variables count as constants without a word")
 def test_figures_name_held_variables(tmp_path: Path):
     file, drawn = _file(SAMPLED_POSITION, tmp_path), tmp_path / "bode.svg"
     code, _ = _command(["linear", str(file), "--from", "b.f", "--to", "b.x", "--output", str(drawn)], tmp_path)
@@ -209,17 +201,14 @@ def test_figures_name_held_variables(tmp_path: Path):
     assert any("held constant" in text.get_text() and "h.last" in text.get_text() for text in figure.texts)
 
 
-@pytest.mark.xfail(strict=True, reason="held variables count as constants without a word")
 def test_a_root_locus_of_a_sampled_loop_has_no_stability_boundary(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    file = _file(SAMPLED_POSITION.replace("u: 0 N}", "u: 0 N}\n  w: {is: Fixed}\n  c: {is: SpringDamper, c: 1 N/m, d: -1 N*s/m}"
-                                          ).replace("nodes: {", "nodes: {w: [w.a, c.a], ").replace("m.a, k.a]", "m.a, k.a, c.b]"),
-                 tmp_path)
-    code, told = _command(["linear", str(file), "--over", "c.d=-1 .. 1 N*s/m"], tmp_path)
+    file = _file(SAMPLED_POSITION.replace("components:", "parameters: {K: 1 N*s/m}\ncomponents:").replace(
+        "u: 0 N}", 'u: "=-K*b.v"}'), tmp_path)
+    code, told = _command(["linear", str(file), "--over", "K=-1 .. 1 N*s/m"], tmp_path)
     assert code == 0 and told["limits"] == [] and set(told["stability"]) == {None}
     assert [one["variable"] for one in told["held"]] == ["h.last"] and "h.last" in capsys.readouterr().out
 
 
-@pytest.mark.xfail(strict=True, reason="held variables count as constants without a word")
 def test_margins_name_a_relay_that_is_held_and_keep_those_of_the_loop_around_it(tmp_path: Path):
     """A relay away from its thresholds does nothing to small motions; the verdict holds for these, and says so."""
     file = _file(RELAY, tmp_path)
@@ -231,7 +220,6 @@ def test_margins_name_a_relay_that_is_held_and_keep_those_of_the_loop_around_it(
         hb.loop_margins(hb.load(file), "r.y")
 
 
-@pytest.mark.xfail(strict=True, reason="held variables count as constants without a word")
 def test_a_relay_at_its_threshold_takes_the_verdict(tmp_path: Path):
     """The smallest motion switches it: the linear system holds for no motion."""
     text = RELAY.replace("u_on: 50 mm, u_off: -50 mm", "u_on: 100 mm, u_off: 0 mm").replace("0.1 m,", "100 mm,")
@@ -239,7 +227,6 @@ def test_a_relay_at_its_threshold_takes_the_verdict(tmp_path: Path):
     assert told["stability"] is None and told["held"][0]["variable"] == "r.on"
 
 
-@pytest.mark.xfail(strict=True, reason="held variables count as constants without a word")
 def test_a_friction_that_sticks_is_named_with_its_state(tmp_path: Path):
     """20 N of the spring, 40 N of stiction: no state is free."""
     _, told = _command(["modes", str(_file(STUCK, tmp_path))], tmp_path)
@@ -248,7 +235,6 @@ def test_a_friction_that_sticks_is_named_with_its_state(tmp_path: Path):
     assert "held constant" in held["d.mode"]["treatment"]
 
 
-@pytest.mark.xfail(strict=True, reason="held variables count as constants without a word")
 def test_what_happens_at_the_start_is_done_before_the_machine_is_linearised(tmp_path: Path):
     """The switch selects -3 y from 0 s on: y' = -4 y; linearised was 5 y, which holds in no moment of a run."""
     file = _file(SWITCHED, tmp_path)
@@ -257,7 +243,6 @@ def test_what_happens_at_the_start_is_done_before_the_machine_is_linearised(tmp_
     assert told["held"][0]["value"] == 1.0 and told["stability"] == STABLE
 
 
-@pytest.mark.xfail(strict=True, reason="held variables count as constants without a word")
 def test_tuning_refuses_a_stability_limit_of_a_sampled_loop_and_otherwise_says_that_it_is_not_decided(tmp_path: Path):
     file = _file(SAMPLED_POSITION, tmp_path)
     free = {"h.T_s": "30 .. 50 ms"}
@@ -270,7 +255,6 @@ def test_tuning_refuses_a_stability_limit_of_a_sampled_loop_and_otherwise_says_t
         Objective(assemble(hb.load(file)), tuning_task(free, "rms(b.x)/1 m", limits=["damping(least) > 0.1"]))
 
 
-@pytest.mark.xfail(strict=True, reason="held variables count as constants without a word")
 def test_the_command_tune_says_that_the_stability_of_a_sampled_loop_is_not_decided(tmp_path: Path,
                                                                                    capsys: pytest.CaptureFixture[str]):
     file = _file(SAMPLED_POSITION, tmp_path)

@@ -65,7 +65,8 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
     heavebond linear cmc_ahc --over controller.K_p='0 .. 5 1/m' --output locus.png
 
     A friction law is linearised at rest, where it locks its parts: --set its forces to 0 for the machine in motion, or
-    linearise at an instant of the motion with --at.
+    linearise at an instant of the motion with --at. Variables that only events change (samples, relays, friction that
+    sticks) are held constant and listed; with samples in a loop there is no verdict on stability, and no margin.
     """
     from heavebond.commands import terminal
     from heavebond.language.model import load
@@ -80,6 +81,7 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
         if over is not None:
             return _locus(diagram, over, when, output)
         from heavebond.core.presentation import count
+        from heavebond.linear.held_variables import held_lines
         from heavebond.linear.linear_system import StateSpaces
         from heavebond.linear.margins import loops
         from heavebond.linear.operating_point import stuck
@@ -87,14 +89,15 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
         made = StateSpaces(diagram, chosen, wanted, when) if loop is None else loops(diagram, loop, when)
         system = made.at()
     judged = system.stability()
-    told: dict[str, object] = {"model": diagram.name, "at": made.points.words, "stable": judged.stable,
-                               "stability": judged.verdict, "reasons": list(judged.reasons)}
+    decided = not judged.undecided
+    told: dict[str, object] = {"model": diagram.name, "at": made.points.words, "stable": judged.stable if decided else None,
+                               "stability": judged.verdict if decided else None, "reasons": list(judged.reasons)}
     console = terminal.output()
     console.print(f"{diagram.name} {made.points.words}: {count(len(system.states), 'state')}, {judged.verdict}"
                   f"{': ' if judged.reasons else ''}{'; '.join(judged.reasons)}", soft_wrap=True)
     told["stuck"] = notes = stuck(made.points.assembly, made.points.at())
     told["filled"] = made.filled or None
-    for note in filter(None, (*notes, made.filled)):
+    for note in filter(None, (*held_lines(system.held), *notes, made.filled)):
         console.print(note, style="yellow", soft_wrap=True)
     if loop is not None:
         channels, span, found = _cut(system, frequencies)
@@ -239,6 +242,7 @@ def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> 
     from heavebond.commands import terminal
     from heavebond.core.presentation import readable
     from heavebond.core.units import UnitProblem, parse_range
+    from heavebond.linear.held_variables import held_lines
     from heavebond.linear.root_locus import root_locus
 
     (parameter, text), = settings_of("--over", [over]).items()
@@ -257,8 +261,8 @@ def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> 
     free = dict.fromkeys(e.text for judged in found.stability for e in judged.free)
     if free:
         console.print(f"free, and no boundary: {'; '.join(free)}", soft_wrap=True)
-    if found.filled:
-        console.print(found.filled, style="yellow", soft_wrap=True)
+    for note in filter(None, (*held_lines(found.held), found.filled)):
+        console.print(note, style="yellow", soft_wrap=True)
     files = [output] if output is not None else []
     if output is not None:
         from heavebond.pictures.plot import save
@@ -268,7 +272,8 @@ def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> 
         console.print(f"wrote {output}", soft_wrap=True)
     return {"model": diagram.name, "parameter": parameter, "unit": found.unit, "values": found.values.tolist(),
             "poles": [[[s.real, s.imag] for s in row] for row in found.poles.tolist()], "limits": list(found.limits),
-            "stability": [judged.verdict for judged in found.stability], "free": list(free),
+            "stability": [None if judged.undecided else judged.verdict for judged in found.stability], "free": list(free),
+            "held": [h.as_dict() for h in found.held],
             "filled": found.filled or None, "files": [str(path) for path in files]}
 
 
@@ -277,6 +282,7 @@ def _draw(name: str, words: str, channels: Sequence[StateSpace], span: Array, fo
           until: str | None, output: Path | None) -> list[Path]:
     if output is None:
         return []
+    from heavebond.linear.held_variables import with_held
     from heavebond.pictures import plot_linear
     from heavebond.pictures.plot import save
 
@@ -287,7 +293,7 @@ def _draw(name: str, words: str, channels: Sequence[StateSpace], span: Array, fo
         figure = plot_linear.plot_nyquist(channels, span, title=title, margins=found)
     elif picture == "poles":
         zeros = {plot_linear.channel_name(c): c.zeros() for c in channels}
-        figure = plot_linear.plot_poles(channels[0].poles, zeros, title=title)
+        figure = plot_linear.plot_poles(channels[0].poles, zeros, title=with_held(title, channels[0].held))
     else:
         figure = plot_linear.plot_steps(channels, [_step_times(c, until) for c in channels], title=title)
     return [save(figure, output)]
@@ -314,7 +320,7 @@ def _save_matrices(system: StateSpace, path: Path) -> None:
     held = {"A": system.a, "B": system.b, "C": system.c, "D": system.d, "D1": system.higher[0], "D2": system.higher[1],
             **{name: np.array(list(words)) for name, words in (
                 ("states", system.states), ("inputs", system.inputs), ("outputs", system.outputs), ("state_units", states),
-                ("input_units", inputs), ("output_units", outputs))}}
+                ("input_units", inputs), ("output_units", outputs), ("held", [h.text for h in system.held]))}}
     try:
         with new_file(path) as fresh:
             if path.suffix.lower() == ".npz":

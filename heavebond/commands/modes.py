@@ -17,6 +17,7 @@ from heavebond.commands.arguments import (
 )
 
 if TYPE_CHECKING:
+    from heavebond.linear.held_variables import HeldVariable
     from heavebond.linear.linearisation import Mode
     from heavebond.linear.modal_energy import ModalShares
     from heavebond.linear.slow_modes import SlowModes
@@ -41,18 +42,20 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
     Of a diagram with more than 300 states the slowest modes are listed, and growing ones that a search finds beyond them.
 
     A friction law is linearised at rest, where it locks its parts: --set its forces to 0 for the modes in motion, or
-    linearise at an instant of the motion with --at.
+    linearise at an instant of the motion with --at. Variables that only events change (samples, relays, friction that
+    sticks) are held constant and listed; with samples in a loop there is no verdict on stability.
     """
     from heavebond.commands import terminal
     from heavebond.core.presentation import count
     from heavebond.language.model import load
+    from heavebond.linear.held_variables import held_lines
     from heavebond.linear.modal_energy import energy_shares
     from heavebond.linear.operating_point import OperatingPoints, stuck
 
     with blamed_on_settings(settings), terminal.working("linearising"):
         operating = OperatingPoints(with_settings(load(model), settings), operating_time(at, steady))
         assembly, point = operating.assembly, operating.at()
-        found, judged, words = _modes(assembly, point, slowest, operating.words)
+        found, judged, words, held = _modes(assembly, point, slowest, operating.words)
         shares = energy_shares(assembly, point, found)
     console = terminal.output()
     rows = [(_frequency(mode), *((f"{mode.damping:.4g}", f"{-mode.value.real:.4g} 1/s") if mode.value else ("", "")),
@@ -63,31 +66,39 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
     for line in words:
         console.print(line, soft_wrap=True)
     notes = stuck(assembly, point)
-    for note in filter(None, (*notes, operating.filled)):
+    for note in filter(None, (*held_lines(held), *notes, operating.filled)):
         console.print(note, style="yellow", soft_wrap=True)
     if shares and shares[0].left_out:
         console.print(f"not counted (described by mass and temperature): {', '.join(shares[0].left_out)}", soft_wrap=True)
     return {"model": assembly.model.name, "at": operating.words, "operating_point": _point_told(assembly, point),
-            "stability": judged, "stuck": notes, "filled": operating.filled or None,
+            "stability": judged, "held": [h.as_dict() for h in held], "stuck": notes, "filled": operating.filled or None,
             "modes": [_told(mode, share) for mode, share in zip(found, shares, strict=True)]}
 
 
-def _modes(assembly: Assembly, point: Point, slowest: int | None, at: str) -> tuple[list[Mode], str | None, list[str]]:
-    """The modes to list, the verdict on stability (None where it was not decided), and what is to be said of it."""
+def _modes(assembly: Assembly, point: Point, slowest: int | None, at: str
+           ) -> tuple[list[Mode], str | None, list[str], tuple[HeldVariable, ...]]:
+    """The modes to list, the verdict on stability (None where it was not decided), what is to be said of it, and the
+    variables that are held constant."""
+    from heavebond.linear.held_variables import undecided_reasons
     from heavebond.linear.linearisation import Linearisation
     from heavebond.linear.slow_modes import SLOW_MODES, slow_modes
-    from heavebond.linear.stability import UNSTABLE
+    from heavebond.linear.stability import UNDECIDED, UNSTABLE
     from heavebond.numerics.output_times import grid
 
     linearisation, model = Linearisation(assembly), assembly.model
     if slowest is None and len(assembly.state_names) <= SLOW_MODES.max_all:
         linear = linearisation.at(point)
         judged = linear.stability()
+        if judged.undecided:
+            return linear.modes(), None, [f"{UNDECIDED} {at}: {'; '.join(judged.reasons)}"], linear.held
         told = [] if judged.growing or judged.stable else [f"{judged.verdict} {at}: {'; '.join(judged.reasons)}"]
-        return linear.modes(), judged.verdict, _growth(len(judged.growing), at) + told
+        return linear.modes(), judged.verdict, _growth(len(judged.growing), at) + told, linear.held
     span = float(grid(model, None, None)[-1]) if model.until is not None else 1.0
     found = slow_modes(linearisation, point, span, slowest or SLOW_MODES.count)
-    return found.modes, UNSTABLE if found.unstable else None, _growth(found.unstable, at) + _not_computed(found)
+    held = linearisation.held(point)
+    if reasons := undecided_reasons(held):
+        return found.modes, None, [f"{UNDECIDED} {at}: {'; '.join(reasons)}", *_not_computed(found)], held
+    return found.modes, UNSTABLE if found.unstable else None, _growth(found.unstable, at) + _not_computed(found), held
 
 
 def _growth(growing: int, at: str) -> list[str]:
@@ -110,7 +121,8 @@ def _not_computed(found: SlowModes) -> list[str]:
 
 def _told(mode: Mode, share: ModalShares) -> dict[str, object]:
     return {"real": mode.value.real, "imaginary": mode.value.imag, "frequency": mode.frequency,
-            "damping": mode.damping if mode.value else None, "participation": mode.participation, "energy": share.energy, "damped_by": share.damping}
+            "damping": mode.damping if mode.value else None, "participation": mode.participation, "energy": share.energy,
+            "damped_by": share.damping}
 
 
 def _point_told(assembly: Assembly, point: Point) -> dict[str, object]:

@@ -23,7 +23,8 @@ def warn_of_growing(assembly: Assembly, point: Point) -> list[dict[str, object]]
 
     if len(assembly.state_names) > SLOW_MODES.max_all:
         return []
-    found = sorted(Linearisation(assembly).at(point).stability().growing, key=lambda e: -e.value.real)
+    judged = Linearisation(assembly).at(point).stability()
+    found = sorted(() if judged.undecided else judged.growing, key=lambda e: -e.value.real)
     if found:
         terminal.warn(f"The steady start is not stable, so that the machine leaves it: {'; '.join(e.text for e in found)}. "
                       "`heavebond modes` shows its modes; guesses (`~`) lead to another steady state where there is one.")

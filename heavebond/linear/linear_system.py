@@ -24,6 +24,7 @@ from heavebond.core.presentation import brief, count
 from heavebond.core.units import dimension_text, read_unit
 from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.linear.disturbance import inner_name
+from heavebond.linear.held_variables import HeldVariable, undecided_reasons
 from heavebond.linear.linearisation import Linear, Linearisation
 from heavebond.linear.operating_point import OperatingPoints
 from heavebond.linear.stability import Stability, eigenvalues, stability, with_zeros
@@ -86,8 +87,9 @@ class StateSpace:
 
     `higher` (2, k, m) are the factors of w' and w'' in y, `sizes` (n,) the nominal values of the states, `units` those
     of states, inputs and outputs in turn. `shown` are the units in which the outputs are printed and drawn
-    (`displayed`), `rigid` tells which states are positions and speeds of bodies. The states are those of the machine,
-    less what derivatives of the inputs add to them (see the module).
+    (`displayed`), `rigid` tells which states are positions and speeds of bodies, `held` are the variables that are
+    constant in the linear system. The states are those of the machine, less what derivatives of the inputs add to them
+    (see the module).
     """
 
     states: tuple[str, ...]
@@ -103,6 +105,7 @@ class StateSpace:
     point: Point
     shown: tuple[str, ...] = ()
     rigid: tuple[bool, ...] = ()
+    held: tuple[HeldVariable, ...] = ()
 
     def __repr__(self) -> str:
         return brief(self, f"{listing(list(self.inputs), 4)} to {listing(list(self.outputs), 4)}",
@@ -124,8 +127,9 @@ class StateSpace:
         return self.stability().stable
 
     def stability(self) -> Stability:
-        """The poles, judged: stable, marginally stable (with the free modes by name) or unstable."""
-        return stability(self.a, self.sizes, self.states, self.rigid)
+        """The poles, judged: stable, marginally stable (with the free modes by name) or unstable; not decided with samples
+        in a loop."""
+        return replace(stability(self.a, self.sizes, self.states, self.rigid), undecided=undecided_reasons(self.held))
 
     def displayed(self) -> StateSpace:
         """The same with its outputs in the units in which they are shown, to be printed or drawn."""
@@ -145,7 +149,13 @@ class StateSpace:
         rows, columns = slice(i, i + 1), slice(j, j + 1)
         return replace(self, inputs=(input,), outputs=(output,), b=self.b[:, columns], c=self.c[rows],
                        d=self.d[rows, columns], higher=self.higher[:, rows, columns], shown=self.shown[i:i + 1],
-                       units=(self.units[0], (self.units[1][j],), (self.units[2][i],)))
+                       units=(self.units[0], (self.units[1][j],), (self.units[2][i],)),
+                       held=tuple(replace(h, inputs=tuple(n for n in h.inputs if n == self._inner(input)),
+                                          outputs=tuple(n for n in h.outputs if n == output)) for h in self.held))
+
+    def _inner(self, input: str) -> str:
+        """The name under which held variables know an input."""
+        return inner_name(input) if any(inner_name(input) in h.inputs for h in self.held) else input
 
     def response(self, s: ArrayLike) -> Complex:
         """The transfer functions (N, k, m) at complex frequencies s (N,) in 1/s: s = 2j*pi*f; at a pole their size is
@@ -243,16 +253,19 @@ class StateSpace:
         return spread(self.visible(), self.poles)
 
     def to_control(self) -> Any:
-        """The same as a `control.StateSpace`, dots in names as underscores (python-control allows none); UsageError where
-        python-control is not there or the system is not proper."""
+        """The same as a `control.StateSpace`, dots in names as underscores (python-control allows none), with an attribute
+        `held` that names the variables that are constant in it; UsageError where python-control is not there or the system
+        is not proper."""
         self._check_proper()
         try:
             import control
         except ImportError:
             raise UsageError("this needs python-control", hint="pip install control") from None
-        return control.ss(self.a, self.b, self.c, self.d, **{
+        system = control.ss(self.a, self.b, self.c, self.d, **{
             kind: [name.replace(".", "_") for name in own]
             for kind, own in (("states", self.states), ("inputs", self.inputs), ("outputs", self.outputs))})
+        system.held = tuple(h.text for h in self.held)
+        return system
 
     def to_scipy(self) -> Any:
         """The same as a `scipy.signal.StateSpace`; UsageError where the system is not proper."""
@@ -267,7 +280,7 @@ class StateSpace:
         return {"states": [{"name": n, "unit": u} for n, u in zip(self.states, states, strict=True)],
                 "inputs": [{"name": n, "unit": u} for n, u in zip(self.inputs, inputs, strict=True)],
                 "outputs": [{"name": n, "unit": u} for n, u in zip(self.outputs, outputs, strict=True)],
-                "A": self.a.tolist(), "B": self.b.tolist(), "C": self.c.tolist(), "D": self.d.tolist(),
+                "held": [h.as_dict() for h in self.held], "A": self.a.tolist(), "B": self.b.tolist(), "C": self.c.tolist(), "D": self.d.tolist(),
                 "D1": self.higher[0].tolist(), "D2": self.higher[1].tolist()}
 
     def _check_proper(self) -> None:
@@ -333,7 +346,7 @@ class StateSpaces:
                 b[:, :, j], d[:, :, j] = linear.b[:, first:first + 4].T, linear.d[:, first:first + 4].T
         b_0, d_all = _without_derivatives(linear, b, d)
         return StateSpace(linear.states, self.inputs, self.outputs, self._units, linear.a, b_0, linear.c, d_all[0],
-                          d_all[1:3], linear.sizes, point, self._shown, linear.rigid)
+                          d_all[1:3], linear.sizes, point, self._shown, linear.rigid, linear.held)
 
 
 def dense_response(a: Array, b: Array, c: Array, points: Complex) -> Complex:

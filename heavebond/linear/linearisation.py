@@ -12,7 +12,7 @@ G. C. Verghese, I. J. Perez-Arriaga, F. C. Schweppe, Selective modal analysis, 1
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from heavebond.core.errors import Problem, UsageError
 from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
+from heavebond.linear.held_variables import HeldStructure, HeldVariable, StartEvents, undecided_reasons
 from heavebond.linear.stability import Stability, real_within_rounding, stability, with_zeros
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start, start, tangent
@@ -73,7 +74,7 @@ class Mode:
 @dataclass(frozen=True)
 class Linear:
     """a (n_x, n_x), b (n_x, m), c (k, n_x), d (k, m) in SI; `sizes` (n_x,) are the nominal values of the states, `rigid`
-    tells which of them are positions and speeds of bodies."""
+    tells which of them are positions and speeds of bodies, `held` are the variables that are constant in it."""
 
     states: tuple[str, ...]
     inputs: tuple[str, ...]
@@ -84,10 +85,12 @@ class Linear:
     d: Array
     sizes: Array
     rigid: tuple[bool, ...] = ()
+    held: tuple[HeldVariable, ...] = ()
 
     def stability(self) -> Stability:
-        """The eigenvalues, judged: stable, marginally stable (with the free modes by name) or unstable."""
-        return stability(self.a, self.sizes, self.states, self.rigid)
+        """The eigenvalues, judged: stable, marginally stable (with the free modes by name) or unstable; not decided with
+        samples in a loop."""
+        return replace(stability(self.a, self.sizes, self.states, self.rigid), undecided=undecided_reasons(self.held))
 
     def modes(self) -> list[Mode]:
         """The modes, the slowest first; eigenvalues that are zero but for rounding are 0."""
@@ -126,6 +129,8 @@ class Linearisation:
         self._per = np.array([*(1.0 for _ in inputs), *([1.0, 1.0, 0.5, 1 / 6] * len(driven))])
         self._sides = (assembly.ode, assembly.alg, stack([_in_si(assembly, name) for name in outputs]))
         self._inner, self._outer = (x, z), w
+        self._given = {name: assembly.parameter_names.index(name) for name in inputs}
+        self._driven = {name: [1 + 4 * known.index(name) + k for k in range(4)] for name in driven}
 
     @cached_property
     def _jacobians(self) -> ca.Function:
@@ -141,6 +146,16 @@ class Linearisation:
         found, = Buffered(function, sparse=True)(*point.values()).values()
         return csc_array(found)
 
+    @cached_property
+    def _held(self) -> HeldStructure | None:
+        if not (self.assembly.flat.held or self.assembly.flat.events):
+            return None
+        return HeldStructure(self.assembly, self._given, self._driven, self.outputs, self._sides[2])
+
+    def held(self, point: Point) -> tuple[HeldVariable, ...]:
+        """The held variables near a point, those that take the verdict on stability first."""
+        return self._held.at(point) if self._held is not None else ()
+
     def at(self, point: Point) -> Linear:
         """The linear system near a point; UsageError where an algebraic loop is singular there."""
         f_x, f_z, f_w, g_x, g_z, g_w, h_x, h_z, h_w = (np.array(j.full()) for j in self._jacobians(*point.values()))
@@ -150,7 +165,7 @@ class Linearisation:
             f_x, f_w, h_x, h_w = f_x - f_z @ by_x, f_w - f_z @ by_w, h_x - h_z @ by_x, h_w - h_z @ by_w
         assembly = self.assembly
         return Linear(tuple(assembly.state_names), self.inputs, self.outputs, f_x, f_w, h_x, h_w, assembly.x_nominal,
-                      rigid_states(assembly))
+                      rigid_states(assembly), self.held(point))
 
 
 def _in_si(assembly: Assembly, name: str) -> ca.SX:
@@ -192,11 +207,16 @@ class ModesAtStart:
         self.assembly, self.u = assembly, _first_inputs(assembly)
         self.linearisation = Linearisation(assembly)
         self.equations = StartEquations(assembly)
+        self._events = StartEvents(assembly)
 
     def at(self, settings: Mapping[str, float | str]) -> tuple[Start, list[Mode]]:
         """The start and the modes with these parameters set; StartError where there is no start."""
         first = self.start(settings)
-        return first, self.linearisation.at(start_point(first, self.u)).modes()
+        return first, self.linearisation.at(self.point(first)).modes()
+
+    def point(self, first: Start) -> Point:
+        """The point after the events at the instant of a start, which is linearised."""
+        return self._events.after(start_point(first, self.u))
 
     def start(self, settings: Mapping[str, float | str]) -> Start:
         """The start with these parameters set; StartError where there is none."""
@@ -206,7 +226,7 @@ class ModesAtStart:
         """d s / d p (m,) for named parameters, the start moving along; zero for a multiple eigenvalue. `at` is the point
         that was linearised, where parameters are others there than at the start."""
         assembly, n_x = self.assembly, len(first.x)
-        at = at or start_point(first, self.u)
+        at = at or self.point(first)
         product = np.vdot(mode.left, mode.right)
         if abs(product) < DEFECTIVE or not names:
             return np.zeros(len(names), dtype=complex)

@@ -26,6 +26,7 @@ import numpy as np
 from heavebond.core.errors import Problem, UsageError
 from heavebond.language.model import ModelOrFile
 from heavebond.linear import loop_crossings as crossing
+from heavebond.linear.held_variables import HeldVariable
 from heavebond.linear.linear_system import StateSpace, StateSpaces, spread
 from heavebond.linear.stability import MARGINAL, STABLE, UNSTABLE, Stability
 from heavebond.numerics.dae import Array
@@ -71,7 +72,8 @@ class Crossings:
 
     `gain`: the factors by which its gain may be multiplied until 1 + L is zero; `phase` in degrees (from -1, positive before
     it) and `delay` in s at every crossing of gain 1; `modulus`: the least distance of L from -1, the inverse of the maximum
-    sensitivity M_s. `verdict` is that of the closed loop by its eigenvalues, `reasons` what keeps it from being stable.
+    sensitivity M_s. `verdict` is that of the closed loop by its eigenvalues, `reasons` what keeps it from being stable, `held`
+    are the variables that are constant in it.
     These are margins where the closed loop is not unstable; of an unstable one they say how far it is to go.
     """
 
@@ -81,6 +83,7 @@ class Crossings:
     phase: tuple[Margin, ...]
     delay: tuple[Margin, ...]
     modulus: Margin
+    held: tuple[HeldVariable, ...] = ()
 
     @property
     def stable(self) -> bool:
@@ -133,6 +136,12 @@ def open_loop(closed: StateSpace) -> StateSpace:
     UsageError where the signal is in no loop, or follows its own derivative.
     """
     name, d = closed.inputs[0], float(closed.d[0, 0])
+    within = [h for h in closed.held if h.between]
+    if sampled := [h for h in within if h.sampled or h.at_threshold]:
+        raise UsageError([Problem(
+            "loop-held", f"the loop through '{name}' contains {sampled[0].label}, which the linear system holds constant: its "
+            "margins cannot be computed", sampled[0].place, "Replace it by its continuous law (for a sample and hold a Delay "
+            "of half a period), or tune and simulate the sampled loop.", tuple(h.text for h in sampled))])
     if not closed.proper or abs(d) < MARGINS.uncut:
         raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': what is added there acts on itself "
                                   "at once", None, "Cut it at another signal, such as a controller's output.")])
@@ -141,7 +150,9 @@ def open_loop(closed: StateSpace) -> StateSpace:
                    d=np.array([[-(1 - 1 / d)]]), units=(closed.units[0], closed.units[1], closed.units[1]),
                    shown=closed.units[1])
     if not np.any(np.abs(loop.response(2j * np.pi * spread(loop.poles, loop.poles))) > MARGINS.no_gain):
-        raise UsageError([Problem("loop-none", f"'{name}' is in no loop: what is added to it does not come back")])
+        cut = "" if not within else f" while {', '.join(h.label for h in within)} does not change"
+        raise UsageError([Problem("loop-none", f"'{name}' is in no loop: what is added to it does not come back{cut}",
+                                  within[0].place if within else None, notes=tuple(h.text for h in within))])
     return loop
 
 
@@ -179,8 +190,9 @@ def crossings(loop: StateSpace, closed: Stability, *, dead_time: float = 0.0) ->
         phase.append(Margin(angle, omega / (2 * np.pi)))
         delay.append(Margin((angle % 360.0) / 360.0 * 2 * np.pi / omega, omega / (2 * np.pi)))
     distance, nearest = crossing.least_distance(of)
-    verdict, reasons = _delayed(of, closed) if dead_time else (closed.verdict, closed.reasons)
-    return Crossings(verdict, reasons, tuple(gain), tuple(phase), tuple(delay), Margin(distance, nearest / (2 * np.pi)))
+    verdict, reasons = _delayed(of, closed) if dead_time and not closed.undecided else (closed.verdict, closed.reasons)
+    return Crossings(verdict, reasons, tuple(gain), tuple(phase), tuple(delay), Margin(distance, nearest / (2 * np.pi)),
+                     loop.held)
 
 
 def _delayed(of: crossing.Transfer, closed: Stability) -> tuple[str, tuple[str, ...]]:
@@ -233,4 +245,4 @@ def checked(found: Crossings, signal: str) -> Margins:
         raise UsageError([Problem("loop-unstable", f"the loop through '{signal}' is unstable when closed, and has no "
                                   f"margins: {'; '.join(found.reasons)}", None,
                                   "`loop_crossings` tells where it crosses -1, and by how much.")])
-    return Margins(found.verdict, found.reasons, found.gain, found.phase, found.delay, found.modulus)
+    return Margins(found.verdict, found.reasons, found.gain, found.phase, found.delay, found.modulus, found.held)

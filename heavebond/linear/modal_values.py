@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.core.errors import SimulationError, StartError
+from heavebond.linear.held_variables import check_decided
 from heavebond.linear.linearisation import Mode, ModesAtStart
 from heavebond.numerics.dae import Array, Assembly
 
@@ -58,6 +61,9 @@ class ModalNumbers:
         self.names, self.settings = assembly.parameter_names, settings
         self.named = [name for name in named if name not in settings]
         self.modes = ModesAtStart(assembly.with_parameters(settings))
+        with suppress(StartError, SimulationError):  # the runs say so
+            check_decided(self.modes.linearisation.held(self.modes.point(self.modes.start({}))), "a number of the modes",
+                          "Take a number of the run instead.")
         self._known: tuple[bytes, dict[tuple[str, str], tuple[float, Array]]] = b"", {}
 
     def at(self, number: str, which: str, p: Array) -> tuple[float, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import casadi as ca
@@ -13,10 +13,10 @@ from heavebond.core.errors import HeavebondError, Problem, StartError, UsageErro
 from heavebond.core.units import read_unit
 from heavebond.equations.flatten import flatten
 from heavebond.equations.reduce import reduce
-from heavebond.language.definition import Component
 from heavebond.language.model import Model
 from heavebond.language.sections import Initial
 from heavebond.linear.disturbance import disturbed, quiet
+from heavebond.linear.held_variables import StartEvents
 from heavebond.linear.linearisation import start_point
 from heavebond.numerics.dae import Array, Assembly, build
 from heavebond.numerics.initialise import start
@@ -25,9 +25,9 @@ from heavebond.numerics.result import columns
 from heavebond.numerics.simulation import filled, fills_told, run_by_auto, unfilled
 from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.start_equations import Point, StartEquations
-from heavebond.text.expression import Call, Expr, FunctionCall, children, inside, names
 
 MOST_STEPS = 20
+EVENT_ROUNDING = 1e-12  # share by which a held variable is set to the value that it has
 STEADY = "steady"
 SPEEDS = tuple(read_unit(text).dimension for text in ("m/s", "rad/s"))
 
@@ -55,6 +55,7 @@ class OperatingPoints:
         end = self.time or (float(grid(model, None, None)[-1]) if model.until is not None else 1.0)
         self.driven = quiet(self.assembly.flat, len(self._disturbances), end)
         self.equations = StartEquations(self.assembly)
+        self._events = StartEvents(self.assembly)
         self._simulator = Simulator(self.assembly, times=np.array([0.0, self.time]), driven=self.driven) \
             if self.time else None
 
@@ -101,14 +102,26 @@ class OperatingPoints:
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         u = self.driven.at(np.zeros(1))[:, 0] if self.driven.columns.size else np.zeros(0)
         if not self.steady:
-            return start_point(start(assembly, 0.0, u, self.equations), u)
-        u = _held_still(u)
-        return _still(assembly, self.equations, start_point(start(assembly, 0.0, u, self.equations), u))
+            return self._events.after(start_point(start(assembly, 0.0, u, self.equations), u))
+        return self._steady_point(assembly, _held_still(u))
+
+    def _steady_point(self, assembly: Assembly, u: Array) -> Point:
+        """The steady state with what the events at its instant set; without these if they do not come to rest."""
+        first = point = _still(assembly, self.equations, start_point(start(assembly, 0.0, u, self.equations), u))
+        held = [h.index for h in assembly.flat.held]
+        for _ in range(MOST_STEPS if held else 0):
+            after = self._events.after(point)
+            if np.allclose(after.p[held], point.p[held], EVENT_ROUNDING, 0.0):
+                return point
+            p = assembly.p.copy()
+            p[held] = after.p[held]
+            point = _still(assembly, self.equations,
+                           start_point(start(replace(assembly, p=p), 0.0, u, self.equations), u))
+        return first
 
 
 def stuck(assembly: Assembly, point: Point) -> list[str]:
-    """A sentence for each friction that is linearised in its transition around rest, and what to type for one that slides;
-    and one for each part that switches (a friction that truly sticks) with the state in which it is linearised.
+    """A sentence for each friction that is linearised in its transition around rest, and what to type for one that slides.
 
     A smoothed friction F(v) of width v_t has the slope F/v_t at rest, as a damper far stiffer than any in the machine.
     Looked for are components that may be an effect, with amplitudes that are not zero, and with a width in the unit of one
@@ -117,7 +130,6 @@ def stuck(assembly: Assembly, point: Point) -> list[str]:
     flat = assembly.flat
     values = np.array(assembly.values(*point.values())).ravel()
     number = dict(zip(assembly.parameter_names, point.p, strict=True))
-    held = {h.name: float(point.p[h.index]) for h in flat.held}
     lines = []
     for path, leaf in flat.expanded.leaves.items():
         component = leaf.component
@@ -134,25 +146,7 @@ def stuck(assembly: Assembly, point: Point) -> list[str]:
             put = " ".join(f"--set {name}='0 {unit}'" for name, unit in zip(forces, units, strict=True))
             lines.append(f"{path} is stuck there (slower than its {slow[0].rpartition('.')[2]}) and linearised as a damper "
                          f"that holds all. For the machine that slides: {put}, or a moment of motion by --at.")
-        for name in _switching(component):
-            doc = component.held[name].doc
-            lines.append(f"{path}.{name} is {held[f'{path}.{name}']:g} there{f' ({doc})' if doc else ''} and stays so in "
-                         "the linearised machine. For another state take a moment by --at.")
     return lines
-
-
-def _switching(component: Component) -> list[str]:
-    """The held variables of a component by whose value its equations are others: whether a friction sticks."""
-    asked = {name for line in component.equations for side in (line.tree.left, line.tree.right) for name in _asked(side)}
-    return [name for name in component.held if name in asked]
-
-
-def _asked(expr: Expr) -> Iterator[str]:
-    """The names in the conditions of an expression."""
-    if isinstance(expr, Call) and expr.function == "if_else":
-        yield from (name.text for name in names(expr.args[0]))
-    for child in (*children(expr), *(inside(expr) if isinstance(expr, FunctionCall) else ())):
-        yield from _asked(child)
 
 
 def _steady(model: Model) -> Model:

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
 from heavebond.linear.describing_function import NO_FRICTION, dry_frictions
-from heavebond.linear.linearisation import Linear, Mode, ModesAtStart, start_point
+from heavebond.linear.linearisation import Linear, Mode, ModesAtStart
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start
 from heavebond.numerics.newton import Scaling, newton
@@ -137,7 +137,7 @@ class RestStability:
     def at(self, values: Mapping[str, float | str]) -> OperatingPointStability | None:
         """The machine at rest with these parameters set, None without an equilibrium; StartError without a start."""
         first = self.modes.start(values)
-        point, own = start_point(first, self.modes.u), True
+        point, own = self.modes.point(first), True
         if not self._rests(point):
             found = self._equilibrium(point)
             if found is None:
@@ -155,8 +155,7 @@ class RestStability:
         """The slopes of all dry friction, as shares of those at rest, between which the machine is not stable."""
         if len(found.variants) < 2:
             return None
-        p = found.first.p if found.first is not None else found.variants[0].point.p
-        point = replace(found.variants[0].point, p=p)
+        point = found.variants[0].point  # with the slopes as modelled
         bad = [share for share in SHARES if not OperatingPointStability(None, (self._variant(point, share),),
                                                                         self.base).worst < 0]
         return (min(bad), max(bad)) if bad else None
@@ -250,7 +249,8 @@ class Stability:
     damping ratio of the slowest mode that oscillates; `shares` the slopes of dry friction, as shares of those at rest,
     between which the machine is unstable, which need not be those of the case; `marginal` the
     number of free bodies and integrators; `boundary` the factors by which each free parameter may fall and grow; `case` the
-    least stable case; `multiplier` the largest Floquet multiplier."""
+    least stable case; `multiplier` the largest Floquet multiplier; `undecided` the held variables that take the verdict, and
+    `held` all of them with their treatment."""
 
     decided: str
     stable: bool | None
@@ -266,6 +266,8 @@ class Stability:
     boundary: Mapping[str, tuple[float | None, float | None]] | None = None
     case: str = ""
     multiplier: float | None = None
+    undecided: tuple[str, ...] = ()
+    held: tuple[str, ...] = ()
 
 
 def least_damping(variant: Variant) -> float:
@@ -364,13 +366,19 @@ def crossing(score: Callable[[float], float], up: bool) -> float | None:
 
 def stability_sentences(found: Stability, *, asked: bool = True) -> Iterator[str]:
     """What is to be said of the stability of a tuned machine."""
+    if found.undecided:
+        yield f"stability not decided: {'; '.join(found.undecided)}"
+    elif not found.decided:
+        yield "stability not decided: no equilibrium was found from the start, and the run does not end in a period or has " \
+            "events"
     if not found.decided:
-        yield "stability not decided: no equilibrium was found from the start, and the run does not end in a period"
+        yield from found.held
         return
     if found.decided != "equilibrium":
         assert found.multiplier is not None
         yield f"{'stable' if found.stable else 'NOT STABLE'} by its periodic run: the largest Floquet multiplier is " \
               f"{found.multiplier:.4g}"
+        yield from found.held
         return
     assert found.damping is not None
     if found.stable:
@@ -384,6 +392,7 @@ def stability_sentences(found: Stability, *, asked: bool = True) -> Iterator[str
         yield _between(found.shares)
     if not asked:
         yield "stability was not asked for (`stable: off`)"
+    yield from found.held
     if found.slowest is not None:
         yield f"slowest oscillating mode: {found.slowest[0]:.4g} Hz, damping ratio {found.slowest[1]:.3g}"
     if found.marginal:

@@ -13,6 +13,7 @@ from heavebond.core.quantities import si_range
 from heavebond.core.units import Range
 from heavebond.equations.parameters import check_ranges
 from heavebond.language.model import ModelOrFile, loaded
+from heavebond.linear.held_variables import HeldVariable
 from heavebond.linear.linearisation import Linear, Linearisation
 from heavebond.linear.operating_point import OperatingPoints
 from heavebond.linear.stability import Stability, eigenvalues
@@ -26,7 +27,8 @@ POINTS = 81
 class RootLocus:
     """Poles (N, n) in 1/s at the values (N,) of a parameter in SI, each column following one pole; `limits` are values at
     which the last growing mode appears or goes (the stability boundary). `stability` judges each value: free modes stay at
-    exactly zero and are no limit. `filled` says what was added to nodes that store nothing, if anything."""
+    exactly zero and are no limit. `filled` says what was added to nodes that store nothing, if anything; `held` are the
+    variables that are constant in the linear system, at the first value."""
 
     parameter: str
     unit: str
@@ -35,6 +37,7 @@ class RootLocus:
     limits: tuple[float, ...]
     stability: tuple[Stability, ...]
     filled: str = ""
+    held: tuple[HeldVariable, ...] = ()
 
 
 def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Time | None = None, points: int = POINTS
@@ -53,7 +56,7 @@ def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Tim
     def linear(value: float) -> Linear:
         return linearisation.at(operating.at({parameter: value}))
 
-    tried, found, judged, failed = [], [], [], ""
+    tried, found, judged, failed, held = [], [], [], "", tuple[HeldVariable, ...]()
     for value in np.linspace(span.low, span.high, points).tolist():
         try:
             near = linear(value)
@@ -63,14 +66,17 @@ def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Tim
         found.append(eigenvalues(near.a * near.sizes / near.sizes[:, None]))
         judged.append(near.stability())
         tried.append(value)
+        held = held or near.held
     if len(tried) < 2:
         raise UsageError([Problem("locus-empty", f"no operating point was found while {parameter} moves", notes=(failed,))])
     values = np.array(tried)
     limits = [_limit(lambda v: linear(v).stability(), (values[k], values[k + 1]), (judged[k], judged[k + 1]))
-              for k in range(len(values) - 1) if bool(judged[k].growing) != bool(judged[k + 1].growing)]
+              for k in range(len(values) - 1) if bool(judged[k].growing) != bool(judged[k + 1].growing)
+              and not (judged[k].undecided or judged[k + 1].undecided)]
     index = operating.assembly.parameter_names.index(parameter)
     unit = operating.assembly.flat.parameters[index].unit.text
-    return RootLocus(parameter, unit, values, _followed(found), tuple(limits), tuple(judged), operating.filled)
+    return RootLocus(parameter, unit, values, _followed(found), tuple(limits), tuple(judged), operating.filled,
+                     held)
 
 
 def _limit(judged: Callable[[float], Stability], span: tuple[float, float], ends: tuple[Stability, Stability]) -> float:

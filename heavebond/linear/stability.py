@@ -50,7 +50,7 @@ class StabilityConstants:
 
 
 STABILITY = StabilityConstants()
-STABLE, MARGINAL, UNSTABLE = "stable", "marginally stable", "unstable"
+STABLE, MARGINAL, UNSTABLE, UNDECIDED = "stable", "marginally stable", "unstable", "stability not decided"
 
 
 @dataclass(frozen=True)
@@ -93,14 +93,18 @@ class Eigenvalue:
 
 @dataclass(frozen=True)
 class Stability:
-    """All eigenvalues at an operating point, zeros first."""
+    """All eigenvalues at an operating point, zeros first; `undecided` says why they do not decide on the stability of the
+    machine (see `held_variables`)."""
 
     eigenvalues: tuple[Eigenvalue, ...]
+    undecided: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> str:
         """`stable` where every eigenvalue decays, `marginally stable` where free or undamped modes are beside those,
-        `unstable` where one grows."""
+        `unstable` where one grows; `stability not decided` with reasons for that."""
+        if self.undecided:
+            return UNDECIDED
         if self.growing:
             return UNSTABLE
         return MARGINAL if self.free or self.undamped else STABLE
@@ -141,8 +145,8 @@ class Stability:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """A phrase for each mode that keeps it from being stable."""
-        return tuple(e.text for e in (*self.growing, *self.undamped, *self.free))
+        """A phrase for each mode that keeps it from being stable, or why it is not decided."""
+        return self.undecided or tuple(e.text for e in (*self.growing, *self.undamped, *self.free))
 
 
 def stability(a: Array, sizes: Array, states: Sequence[str], rigid: Sequence[bool] = ()) -> Stability:

@@ -14,6 +14,7 @@ from heavebond.core.quantities import ranges
 from heavebond.core.units import Range
 from heavebond.equations.parameters import check_ranges
 from heavebond.linear.describing_function import slopes_over
+from heavebond.linear.held_variables import HeldVariable, check_decided, undecided_reasons
 from heavebond.linear.linearisation import ModesAtStart
 from heavebond.linear.rest_stability import STABLE, OperatingPointStability, RestStability
 from heavebond.numerics.dae import Array, Assembly
@@ -82,7 +83,8 @@ class TuningProblem:
 
     `begin` and `end` are the time interval of the evaluation in s, `reference` the values of the reference run, `cases`
     the conditions over which the cost is averaged, `modes` the values for the computation of modes, `uncertain` the
-    tolerances of other parameters; `stable` requires a stable equilibrium. `tuning_task` makes one from text.
+    tolerances of other parameters; `stable` requires a stable equilibrium, None where that can be decided. `tuning_task`
+    makes one from text.
     """
 
     free: Mapping[str, Range]
@@ -94,19 +96,20 @@ class TuningProblem:
     cases: tuple[Case, ...] = (Case("diagram", {}),)
     modes: Mapping[str, float | str] = field(default_factory=dict)
     uncertain: Mapping[str, str] = field(default_factory=dict)
-    stable: bool = True
+    stable: bool | None = None
 
 
 def tuning_task(free: Mapping[str, Range | str], cost: str, *, limits: Sequence[str] = (), begin: Time = 0.0,
                 end: Time | None = None, reference: Mapping[str, float | str] | None = None,
-                cases: Mapping[str, Mapping[str, float | str]] | None = None, stable: bool = True) -> TuningProblem:
+                cases: Mapping[str, Mapping[str, float | str]] | None = None, stable: bool | None = None) -> TuningProblem:
     """A tuning problem for `tune`: minimise `cost` over the ranges of `free`, such that `limits` hold.
 
     `tuning_task({"controller.K_p": "0 .. 10 1/m"}, "rms(WOB)/1 kN", limits=["peak(extension) < 3 m"], begin="48 s")`.
     The cost is evaluated from `begin` to `end` (s, or text with a unit; by default to the end of the run) and averaged
     over `cases`, parameter values by name of the case. `reference` are the parameter values of the run that `ref(...)`
-    in the cost refers to; `stable` requires a stable equilibrium. Raises UsageError for a range or a time that cannot be
-    read; `tune` raises it for unknown names and wrong units.
+    in the cost refers to. `stable` requires a stable equilibrium: True in any case, None if that can be decided (not with
+    samples in a loop). Raises UsageError for a range or a time that cannot be read; `tune` raises it for unknown names and
+    wrong units, and where `stable` is True and cannot be decided.
     """
     found = (Case("diagram", {}),) if cases is None else tuple(Case(name, dict(values)) for name, values in cases.items())
     return TuningProblem(ranges(free), cost, tuple(limits), seconds(begin, "begin"),
@@ -159,8 +162,14 @@ class Objective:
         weights = np.array([case.weight for case in task.cases])
         self.weights = weights / weights.sum()
         self._assemblies = [assembly.with_parameters(dict(case.settings)) for case in task.cases]
+        self.held = self._held()
+        if task.stable:
+            check_decided(self.held, "the limit `stable`", "Write `stable: off`, or give --no-stable, and judge the sampled "
+                          "loop by its runs.")
+        self.undecided = undecided_reasons(self.held)
+        self.stable = task.stable is not False and not self.undecided
         self.quiet = next((y for y in self.spread(OBJECTIVE.stable_draws, 0) if self.calm(y)), self.start)
-        self.limits = (*task.limits, STABLE) if task.stable else task.limits
+        self.limits = (*task.limits, STABLE) if self.stable else task.limits
         self.cases = [self._case(*pair) for pair in zip(task.cases, self._assemblies, strict=True)]
         self._seen: dict[bytes, Evaluation] = {}
 
@@ -179,6 +188,13 @@ class Objective:
             self._count(1)
             found.references = evaluator.functional_values(found.plain.run(reference.parameter_values))[0]
         return found
+
+    def _held(self) -> tuple[HeldVariable, ...]:
+        """The held variables at the start of the first case that has one."""
+        for modes in self._modes:
+            with suppress(HeavebondError):  # no start: the runs say so
+                return modes.linearisation.held(modes.point(modes.start({})))
+        return ()
 
     def _count(self, simulations: float) -> None:
         self.runs += 1
@@ -250,7 +266,7 @@ class Objective:
 
     def _stable(self, values: Mapping[str, float], named: Sequence[str]) -> list[tuple[float, Array]]:
         """The stability boundary with its slope by the named parameters, the worst of the cases; none where it is off."""
-        if not self.task.stable:
+        if not self.stable:
             return []
         try:
             return [max((machine.limit(values, named) for machine in self.machines), key=lambda pair: pair[0])]
@@ -303,7 +319,10 @@ class Objective:
         return found[0][1] if found and found[0][0] > -OBJECTIVE.at_boundary else None
 
     def growth(self, y: Array) -> float:
-        """By which exponent the least stable mode grows in a run, the worst of the cases; infinite without a start."""
+        """By which exponent the least stable mode grows in a run, the worst of the cases; infinite without a start, and 0
+        where stability is not decided."""
+        if self.undecided:
+            return 0.0
         key = _key(y)
         if key not in self._growth:
             try:

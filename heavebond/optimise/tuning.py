@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -18,6 +18,7 @@ from heavebond.core.reporting import reporting
 from heavebond.language.edits import block, extended_from, quoted
 from heavebond.language.model import Model, ModelOrFile
 from heavebond.linear.floquet import FLOQUET, largest_multiplier
+from heavebond.linear.held_variables import held_lines
 from heavebond.linear.rest_stability import Stability, crossing, describe
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.optimise.objective import OBJECTIVE, Evaluation, Objective, TuningProblem
@@ -96,7 +97,7 @@ def tune(model: ModelOrFile | Assembly | Objective, task: TuningProblem, *, expl
     for first in _edges(problem, min(found, key=_rank), say):
         found.append(search(problem, first, method, most_steps, say, found, partial))
     best = min(found, key=_rank)
-    if task.stable:
+    if problem.stable:
         problem.follow(problem.values(best.best.at))  # stability over the motion with the best gains
         if problem.instability(best.best.at) > OBJECTIVE.limit_tolerance:
             found.append(best := search(problem, best.best.at, method, most_steps, say, partial=partial))
@@ -118,13 +119,16 @@ def _told(problem: Objective, task: TuningProblem, found: Sequence[SearchResult]
 
 def stability_of(problem: Objective, values: Mapping[str, float]) -> Stability:
     """The margins of stability at values of the free parameters (SI): of its equilibrium, else of its periodic run."""
+    held = tuple(held_lines(problem.held))
+    if problem.undecided:
+        return Stability("", None, undecided=problem.undecided, held=held)
     try:
         problem.follow(values)
         worst = problem.at_rest(values)
     except HeavebondError:
-        return Stability("", None)
+        return Stability("", None, held=held)
     if worst is None:
-        return _of_runs(problem, values)
+        return replace(_of_runs(problem, values), held=held)
     case, machine, rest = worst
 
     def score(name: str, factor: float) -> float:
@@ -136,7 +140,7 @@ def stability_of(problem: Objective, values: Mapping[str, float]) -> Stability:
 
     boundary = {name: (crossing(partial(score, name), False), crossing(partial(score, name), True))
                 for name in values if values[name]}
-    return describe(machine, rest, case.name, list(values), values, boundary)
+    return replace(describe(machine, rest, case.name, list(values), values, boundary), held=held)
 
 
 def _of_runs(problem: Objective, values: Mapping[str, float]) -> Stability:
@@ -201,7 +205,7 @@ def _edges(problem: Objective, found: SearchResult, say: Progress) -> list[Array
             if at is None or abs(at - found.best.at[k]) < SEARCH.same_optimum:
                 continue
             point = found.best.at.copy()
-            point[k] = at - INSIDE * np.sign(at - point[k]) if problem.task.stable else at
+            point[k] = at - INSIDE * np.sign(at - point[k]) if problem.stable else at
             say(f"looking at the stability boundary of {name}")
             if problem.plain(point).kept and problem.cost(point) < found.best.cost + PROMISING * abs(found.best.cost):
                 points.append(point)
@@ -217,7 +221,7 @@ def limit_of_stability(problem: Objective, y: Array, k: int, end: float) -> floa
     def growth(share: float) -> float:
         point = y.copy()
         point[k] = share
-        return problem.instability(point) if problem.task.stable else problem.growth(point)
+        return problem.instability(point) if problem.stable else problem.growth(point)
 
     first, last = growth(float(y[k])), growth(end)
     if not (np.isfinite(first) and np.isfinite(last)) or (first < 0) == (last < 0):

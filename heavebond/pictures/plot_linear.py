@@ -12,6 +12,7 @@ from matplotlib.ticker import FixedLocator, NullLocator
 
 from heavebond.core.presentation import number, readable, readable_unit, unit_label
 from heavebond.core.units import read_unit
+from heavebond.linear.held_variables import with_held
 from heavebond.linear.linear_system import LINEAR_SYSTEM
 from heavebond.linear.margins import CUT
 from heavebond.pictures.plot import COLOURS, DASHES, DPI, RECT, WIDTH, figure_title
@@ -37,7 +38,7 @@ def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str 
     """Magnitude (as a ratio, with decibels on the right) and phase over the frequency in Hz, a line for each channel."""
     channels = [channel.displayed() for channel in channels]
     figure = Figure(figsize=(WIDTH, 7.5), dpi=DPI, layout=ConstrainedLayoutEngine(rect=RECT))
-    figure_title(figure, title)
+    figure_title(figure, with_held(title, dict.fromkeys(h for c in channels for h in c.held)))
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     units = {ratio(c) for c in channels}
     for k, channel in enumerate(channels):
@@ -69,7 +70,7 @@ def plot_nyquist(channels: Sequence[StateSpace], frequencies: Array, *, title: s
     """The response in the complex plane, a plane for each unit, with the unit circle and -1 for an open loop (`margins`)."""
     channels = [channel.displayed() for channel in channels]
     units = list(dict.fromkeys(ratio(c) for c in channels))
-    figure, planes = _planes(title, len(units))
+    figure, planes = _planes(with_held(title, dict.fromkeys(h for c in channels for h in c.held)), len(units))
     for axes, unit in zip(planes, units, strict=True):
         own = [(COLOURS[k % len(COLOURS)], c) for k, c in enumerate(channels) if ratio(c) == unit]
         _nyquist(axes, own, frequencies, margins)
@@ -133,7 +134,7 @@ def plot_poles(poles: NDArray[np.complex128], zeros: Mapping[str, NDArray[np.com
 
 def plot_root_locus(found: RootLocus, *, title: str = "") -> Figure:
     """The ways of the poles while a parameter moves, coloured by its value; the stability boundaries in the legend."""
-    figure, axes = _plane(title)
+    figure, axes = _plane(with_held(title, found.held))
     unit = readable_unit(found.unit, float(np.abs(found.values).max()))
     ends = read_unit(unit).from_si(found.values)
     values = np.broadcast_to(ends[:, None], found.poles.shape)
@@ -156,7 +157,7 @@ def plot_steps(channels: Sequence[StateSpace], times: Sequence[Array], *, title:
     channels = [channel.displayed() for channel in channels]
     n = len(channels)
     figure = Figure(figsize=(WIDTH, max(4.5, 0.9 + 2.2 * n)), dpi=DPI, layout=ConstrainedLayoutEngine(rect=RECT))
-    figure_title(figure, title)
+    figure_title(figure, with_held(title, dict.fromkeys(h for c in channels for h in c.held)))
     for axes, channel, time in zip(figure.subplots(n, 1, squeeze=False)[:, 0], channels, times, strict=True):
         axes.plot(time, channel.step(time)[:, 0, 0], color=COLOURS[0], linewidth=1.4)
         if channel.stable:

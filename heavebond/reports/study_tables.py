@@ -43,6 +43,7 @@ def study_items(result: StudyResult) -> list[Item]:
     modes = list(mode_rows(result)) if result.study.sample is None else []  # of a sample in study.json
     if modes:
         items.append(ResultTable("oscillatory modes", ("case", "frequency", "damping", "components"), modes, 4))
+    items += map(Line, dict.fromkeys(text for o in result.outcomes for mode in o.modes for text in mode.get("held", ())))
     outside = [o for o in result.outcomes if o.outside]
     items += [Line(f"warning: {result.case_of(o).name or result.study.name}: {o.outside}", True) for o in outside[:TOLD]]
     if len(outside) > TOLD:

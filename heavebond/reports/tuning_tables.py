@@ -28,7 +28,7 @@ def tuning_items(name: str, assembly: Assembly, result: Tuned, robust: Robustnes
               for text, value in result.limits.items() if text != STABLE]
     if len(result.cost_of_cases) > 1:
         items.append(ResultTable("", ("case", "cost"), [(c, f"{cost:.5g}") for c, cost in result.cost_of_cases.items()]))
-    stability = stability_words(result.stability, asked=result.task.stable)
+    stability = stability_words(result.stability, asked=result.task.stable is not False)
     items += [Line(line, "NOT STABLE" in line) for line in (*_end_words(result), *stability, *_boundary_words(result))]
     if robust is not None:
         items += [Line(""), _changes(assembly, result, robust), *map(Line, _words(result, robust))]

@@ -17,6 +17,7 @@ from heavebond.core.progress import Progress
 from heavebond.core.units import Unit, read_unit
 from heavebond.equations.parameters import check_ranges
 from heavebond.language.model import Model
+from heavebond.linear.held_variables import check_decided, held_lines
 from heavebond.linear.linearisation import ModesAtStart
 from heavebond.linear.modal_values import NUMBERS, chosen_mode, modal_number
 from heavebond.linear.rest_stability import stability_sentences as stability_words
@@ -111,8 +112,9 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
         tuned = tuned_by(Objective(assembly, study.task), procedure, progress)
         values = {**tuned.values, COST: tuned.cost, SIMULATIONS: tuned.simulations}
         limits, message, at_end = tuned.limits, tuned.message, tuned.at_end
-        stability = {**asdict(tuned.stability), "words": list(stability_words(tuned.stability, asked=study.task.stable)),
-                     "summary": summary_sentences(tuned.stability, asked=study.task.stable)}
+        asked = study.task.stable is not False
+        stability = {**asdict(tuned.stability), "words": list(stability_words(tuned.stability, asked=asked)),
+                     "summary": summary_sentences(tuned.stability, asked=asked)}
         assembly = assembly.with_parameters(tuned.values)
     by = tuple(name for level in case.levels for name in level.along)
     (told, run, slopes), filled = with_filled_nodes(lambda machine: measured(study, machine, by), assembly,
@@ -184,7 +186,9 @@ def _of_modes(assembly: Assembly, costs: Sequence[Cost], settings: Mapping[str, 
     """Costs of modes alone."""
     if not costs:
         return
-    first, modes = ModesAtStart(assembly.with_parameters(settings)).at({})
+    at_start = ModesAtStart(assembly.with_parameters(settings))
+    first, modes = at_start.at({})
+    check_decided(at_start.linearisation.held(at_start.point(first)), "a number of the modes", "Leave it out of `measure:`.")
     for cost in costs:
         numbers = [modal_number(f.kind, chosen_mode(modes, f.kind, f.which)) for f in cost.functionals]
         yield float(cost.value(numbers, first.p))
@@ -203,14 +207,17 @@ def _modes(study: Study, assembly: Assembly) -> tuple[dict[str, Any], ...]:
     if study.modes is None:
         return ()
     found = []
-    for mode in ModesAtStart(assembly.with_parameters(study.modes)).at({})[1]:
+    at_start = ModesAtStart(assembly.with_parameters(study.modes))
+    first, modes = at_start.at({})
+    held = held_lines(at_start.linearisation.held(at_start.point(first)))
+    for mode in modes:
         shares: dict[str, float] = {}
         for state, share in mode.participation.items():
             component = state.rpartition(".")[0] or state
             shares[component] = shares.get(component, 0.0) + share
         found.append({"frequency": mode.frequency, "damping": mode.damping if mode.value else None, "real": mode.value.real,
                       "imaginary": mode.value.imag, "swings": mode.swings,
-                      "components": dict(sorted(shares.items(), key=lambda pair: -pair[1]))})
+                      "components": dict(sorted(shares.items(), key=lambda pair: -pair[1])), "held": held})
     return tuple(found)
 
 

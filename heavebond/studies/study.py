@@ -260,7 +260,9 @@ def _task(entry: Mapping, source: Source, window: tuple[float, float | None], re
     words = reading.words(items.get("limits"), "limits", problems)
     limits = tuple(s.text for s in words if s.text != STABLE)
     stable = _stable(items.get("stable"), problems)
-    for word in words if not stable else ():
+    if stable is None and any(word.text == STABLE for word in words):
+        stable = True
+    for word in words if stable is False else ():
         if word.text == STABLE:
             problems.add("stable-twice", "`stable` stands under `limits:` and is off", word.place,
                          hint="Remove one of them.")
@@ -270,11 +272,13 @@ def _task(entry: Mapping, source: Source, window: tuple[float, float | None], re
                          _widths(items.get("uncertain"), problems), stable)
 
 
-def _stable(node: Node | None, problems: Problems) -> bool:
-    """Whether the tuned machine must be stable at rest: it must unless `stable: off` is said."""
+def _stable(node: Node | None, problems: Problems) -> bool | None:
+    """Whether the tuned machine must be stable at rest: it must unless `stable: off` is said; None without the key."""
+    if node is None:
+        return None
     said = reading.text(node, "stable", problems, "on")
     if said not in ASKED:
-        problems.add("stable-unknown", f"`stable: {said}` has no meaning", node.place if node is not None else None,
+        problems.add("stable-unknown", f"`stable: {said}` has no meaning", node.place,
                      hint="Write `stable: off` where the tuned machine need not be stable at rest; without it, it must.")
     return ASKED.get(said, True)
 

@@ -38,7 +38,7 @@ def tuning_request(name: str, cost: str | None, limits: Sequence[str], evaluate:
         model = load(name)
         task, name = TuningProblem({}, cost), model.name
     task = replace(task, cost=cost or task.cost, limits=(*task.limits, *(text for text in limits if text != STABLE)),
-                   stable=task.stable or STABLE in limits)
+                   stable=True if STABLE in limits else task.stable)
     if reference:
         task = replace(task, reference=dict(reference))
     if evaluate is not None:

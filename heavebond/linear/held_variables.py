@@ -1,0 +1,420 @@
+"""Held variables in linear analysis: each is a constant there. Which of them lie in a loop, and which take the verdict.
+
+A linear system has no events. For motions that are small enough this is exact where the conditions of all events are away
+from zero: a friction that sticks, a relay between its thresholds. It is not where an event happens whatever the motion, as
+the samples of a digital controller, or where a condition is at zero. If such a variable lies in a loop, the eigenvalues are
+those of another machine, and stability is not decided.
+
+Loops are found by structure. In a directed graph of the states, algebraic unknowns, held variables and resets of states an
+edge leads from what an equation contains to what it determines; algebraic equations are matched to their unknowns, and a
+held variable follows the values and conditions of the events that set it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import Place, Problem, UsageError, listing
+from heavebond.core.presentation import readable
+from heavebond.equations.events import FlatEvent
+from heavebond.equations.matching import maximum_matching
+from heavebond.language.symbols import stack
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.event_constants import EVENTS
+from heavebond.numerics.jumps import EventEquations, PointSensitivity
+from heavebond.numerics.output_times import grid
+from heavebond.numerics.start_equations import Point
+from heavebond.numerics.time_events import same_instant
+
+
+@dataclass(frozen=True)
+class HeldVariableConstants:
+    """The constants of the treatment of held variables.
+
+    threshold: change of all states, over their nominal sizes, by which a condition at zero would turn. Origin: errors of a
+        start. Doubled: nothing.
+    instants: times at which a condition of the time is evaluated over a run. Origin: a period has some. Doubled: shorter
+        openings of a condition are seen.
+    grows: eigenvalue of samples that follow each other without a state between, above which they grow. Origin: rounding of
+        a counter, which has 1. Doubled (in its excess over 1): nothing.
+    """
+
+    threshold: float = 1e-9
+    instants: int = 400
+    grows: float = 1.0 + 1e-9
+
+
+HELD = HeldVariableConstants()
+
+
+@dataclass(frozen=True)
+class HeldVariable:
+    """A variable that only events change, or a state that samples set, at an operating point, in SI.
+
+    `part` is the path of its component, `place` the line of the part. `sampled` is set if the events that change it happen
+    whatever the motion, `in_loop` if its value acts on itself through the machine, `at_threshold` if the smallest motion
+    would change it. `inputs` of the linear system act on it, and it acts on `outputs`.
+    """
+
+    name: str
+    part: str
+    component: str
+    place: Place
+    value: float
+    unit: str
+    doc: str
+    sampled: bool
+    in_loop: bool
+    at_threshold: bool
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+    state: bool = False
+
+    @property
+    def undecided(self) -> bool:
+        """Whether it takes the verdict on stability."""
+        return self.in_loop and (self.sampled or self.at_threshold)
+
+    @property
+    def between(self) -> bool:
+        """Whether it lies on a path from an input to an output."""
+        return bool(self.inputs and self.outputs)
+
+    @property
+    def label(self) -> str:
+        """`h.last (SampleHold, machine.yaml:7)`."""
+        kind = f"{self.component}, " if self.component else ""
+        return f"{self.name} ({kind}{self.place.file}:{self.place.line})"
+
+    @property
+    def why(self) -> str:
+        """What the linear system leaves out."""
+        if self.state:
+            return "the samples that set this state are left out"
+        if self.sampled:
+            return "set at given times, which the linear system does not contain"
+        return "at its threshold, where the smallest motion may change it" if self.at_threshold else \
+            "does not switch in the linear system"
+
+    @property
+    def treatment(self) -> str:
+        """How the linear system treats it."""
+        doc = f" ({self.doc})" if self.doc else ""
+        return f"held constant at {readable(self.value, self.unit)}{doc}: {self.why}"
+
+    @property
+    def text(self) -> str:
+        """A sentence for people."""
+        return held_lines([self])[0]
+
+    def as_dict(self) -> dict[str, object]:
+        """The same for machines."""
+        return {"part": self.part, "variable": self.name, "component": self.component, "file": self.place.file,
+                "line": self.place.line, "value": self.value, "unit": self.unit, "sampled": self.sampled,
+                "in_loop": self.in_loop, "at_threshold": self.at_threshold, "treatment": self.treatment}
+
+
+def held_lines(held: Sequence[HeldVariable]) -> list[str]:
+    """A line for each part with held variables: their values, and how the linear system treats them."""
+    groups: dict[tuple[object, ...], list[HeldVariable]] = {}
+    for h in held:
+        groups.setdefault((h.part, h.place.file, h.place.line, h.why, h.in_loop), []).append(h)
+    return [f"held constant: {', '.join(f'{h.name} = {readable(h.value, h.unit)}' for h in group)} "
+            f"({f'{group[0].component}, ' if group[0].component else ''}{group[0].place.file}:{group[0].place.line}), "
+            f"{'in a loop' if group[0].in_loop else 'outside of every loop'}: {group[0].why}" for group in groups.values()]
+
+
+def with_held(title: str, held: Iterable[HeldVariable]) -> str:
+    """The title of a figure with the held variables that act on what it shows."""
+    names = [h.name for h in held if h.in_loop or h.between]
+    return f"{title}{'; ' if title else ''}held constant: {listing(names, 6)}" if names else title
+
+
+def undecided_reasons(held: Iterable[HeldVariable]) -> tuple[str, ...]:
+    """Why the stability is not decided, a phrase for each held variable that takes the verdict."""
+    return tuple(f"{h.label} lies in a loop and is {'set at given times' if h.sampled else 'at its threshold'}; "
+                 "the linear system holds it constant" for h in held if h.undecided)
+
+
+def check_decided(held: Iterable[HeldVariable], wanted: str, hint: str) -> None:
+    """UsageError if held variables take the verdict that is wanted."""
+    first = next((h for h in held if h.undecided), None)
+    if first is not None:
+        reasons = undecided_reasons(h for h in held if h.undecided)
+        raise UsageError([Problem("held-undecided", f"{wanted} cannot be computed: {reasons[0]}", first.place, hint,
+                                  reasons[1:])])
+
+
+class HeldStructure:
+    """The held variables of an assembly between inputs and outputs, by structure; `at` gives them at a point.
+
+    `parameters` are the entries in p of inputs by name, `driven` the entries in u; `outputs` are expressions (k,).
+    """
+
+    def __init__(self, assembly: Assembly, parameters: Mapping[str, int], driven: Mapping[str, Sequence[int]],
+                 outputs: Sequence[str], expressions: ca.SX):
+        flat = assembly.flat
+        self.assembly, self.inputs, self.outputs = assembly, (*parameters, *driven), tuple(outputs)
+        self.events = flat.events
+        states = {column: k for k, column in enumerate(assembly.reduced.states)}
+        # a state that samples set has a node of its own, before the state
+        self.resets = [(i, reset) for i, event in enumerate(self.events) for reset in event.resets
+                       if reset.unknown is not None]
+        n_x, n_z, n_h = (len(assembly.x_nominal), len(assembly.z_nominal), len(flat.held))
+        self.first_held, self.first_reset = n_x + n_z, n_x + n_z + n_h
+        self.first_input = self.first_reset + len(self.resets)
+        self.first_output = self.first_input + len(self.inputs)
+        self.clock = self.first_output + len(outputs)
+        self.n_x = n_x
+        values = [reset.value for event in self.events for reset in event.resets]
+        indicators = [ca.SX(0) if e.indicator is None else e.indicator for e in self.events]
+        impulses = [ca.SX(0) if e.impulse is None else e.impulse.value for e in self.events]
+        parts = [assembly.ode, assembly.alg, expressions, assembly.express(stack(values)),
+                 assembly.express(stack(indicators)), assembly.express(stack(impulses))]
+        self._held_index = [h.index for h in flat.held]
+        contents = self._contents(stack(parts), parameters, driven)
+        ends = np.cumsum([0, *(part.numel() for part in parts)]).tolist()
+        self._ode, alg, out, value, indicator, impulse = (contents[a:b] for a, b in zip(ends, ends[1:], strict=False))
+        edges = [(source, k) for k, row in enumerate(self._ode) for source in row]
+        edges += [(source, self.first_output + k) for k, row in enumerate(out) for source in row]
+        edges += self._loops(alg, n_x, n_z)
+        row = 0
+        held_node = {index: self.first_held + k for k, index in enumerate(self._held_index)}
+        self._setters: dict[int, list[int]] = {}
+        reset_node = self.first_reset
+        for i, event in enumerate(self.events):
+            for reset in event.resets:
+                if reset.held is not None:
+                    node = held_node[reset.held]
+                else:
+                    node, reset_node = reset_node, reset_node + 1
+                    edges.append((node, states[(reset.unknown, 0)]))
+                self._setters.setdefault(node, []).append(i)
+                edges += [(source, node) for source in {*value[row], *indicator[i]}]
+                row += 1
+            if event.impulse is not None:
+                node = held_node[event.impulse.force]
+                self._setters.setdefault(node, []).append(i)
+                edges += [(source, node) for source in {*impulse[i], *indicator[i]}]
+        self.edges, self._indicator = edges, indicator
+        self._values = ca.Function("values", list(assembly.arguments), [parts[4], ca.jacobian(parts[4], assembly.arguments[1])])
+
+    def _contents(self, column: ca.SX, parameters: Mapping[str, int], driven: Mapping[str, Sequence[int]]) -> list[set[int]]:
+        """The nodes that each element of a column contains."""
+        function = ca.Function("structure", list(self.assembly.arguments), [column])
+        n_x = self.n_x
+        entries: list[dict[int, int]] = [{0: self.clock}, {k: k for k in range(n_x)},
+                                         {k: n_x + k for k in range(self.first_held - n_x)}]
+        entries.append({index: self.first_held + k for k, index in enumerate(self._held_index)})
+        entries[3] |= {index: self.first_input + k for k, index in enumerate(parameters.values())}
+        added = {at: self.first_input + len(parameters) + k for k, many in enumerate(driven.values()) for at in many}
+        entries.append({k: self.clock for k in range(self.assembly.arguments[4].numel())} | added)
+        contents: list[set[int]] = [set() for _ in range(column.numel())]
+        for argument, nodes in enumerate(entries):
+            if not self.assembly.arguments[argument].numel():
+                continue
+            for i, j in zip(*function.jac_sparsity(0, argument).get_triplet(), strict=True):
+                if (node := nodes.get(j)) is not None:
+                    contents[i].add(node)
+        return contents
+
+    def _loops(self, alg: Sequence[set[int]], n_x: int, n_z: int) -> list[tuple[int, int]]:
+        """Edges to the algebraic unknowns, each determined by the equation that is matched to it."""
+        rows = [sorted(node - n_x for node in row if n_x <= node < n_x + n_z) for row in alg]
+        edges = []
+        for k, column in enumerate(maximum_matching(rows, n_z) if n_z else ()):
+            targets = [column] if column >= 0 else rows[k]
+            edges += [(source, n_x + c) for c in targets for source in alg[k] if source != n_x + c]
+        return edges
+
+    @cached_property
+    def _graph(self) -> tuple[NDArray[np.int32], dict[int, set[int]], dict[int, set[int]]]:
+        """The strongly connected group of each node, and the nodes that each input reaches and each output follows from."""
+        from scipy.sparse import csr_array
+        from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+        n = self.clock + 1
+        sources, targets = np.array(self.edges, dtype=int).reshape(-1, 2).T
+        graph = csr_array((np.ones(len(sources)), (sources, targets)), (n, n))
+        back = csr_array(graph.T)
+        groups = connected_components(graph, connection="strong")[1]
+        reached = {k: set(breadth_first_order(graph, self.first_input + k, return_predecessors=False).tolist())
+                   for k in range(len(self.inputs))}
+        seen = {k: set(breadth_first_order(back, self.first_output + k, return_predecessors=False).tolist())
+                for k in range(len(self.outputs))}
+        return groups, reached, seen
+
+    @cached_property
+    def _direct(self) -> list[set[int]]:
+        """What the condition of each event contains, through algebraic unknowns but not through states."""
+        by_target: dict[int, set[int]] = {}
+        for source, target in self.edges:
+            if self.n_x <= target < self.first_held:
+                by_target.setdefault(target, set()).add(source)
+        found = []
+        for row in self._indicator:
+            seen, waiting = set[int](), list(row)
+            while waiting:
+                node = waiting.pop()
+                if node not in seen:
+                    seen.add(node)
+                    waiting += by_target.get(node, ())
+            found.append(seen)
+        return found
+
+    def _recurring(self, point: Point) -> list[bool]:
+        """Whether each event happens again and again whatever the motion."""
+        recurring = [e.period is not None or (e.indicator is not None and self.clock in self._direct[i]
+                                              and self._opens(point, i)) for i, e in enumerate(self.events)]
+        while True:
+            moving = {node for node, setters in self._setters.items() if any(recurring[i] for i in setters)}
+            more = [r or (self.events[i].indicator is not None and bool(self._direct[i] & moving))
+                    for i, r in enumerate(recurring)]
+            if more == recurring:
+                return recurring
+            recurring = more
+
+    def _opens(self, point: Point, event: int) -> bool:
+        """Whether a condition comes true in the time of a run while all else stays as it is; with measured inputs it may."""
+        if self.assembly.flat.inputs:
+            return True
+        end = _span(self.assembly)
+        times = point.t + np.concatenate([np.geomspace(1e-6, 1, 60), np.linspace(0, 1, HELD.instants)[1:]]) * end
+        return any(float(self._values(*replace(point, t=float(t)).values())[0][event]) > 0 for t in times)
+
+    def at(self, point: Point) -> tuple[HeldVariable, ...]:
+        """The held variables at a point: first those that take the verdict on stability, then those in loops."""
+        assembly, flat = self.assembly, self.assembly.flat
+        groups, reached, seen = self._graph
+        indicators, slopes = (np.array(v.full()) for v in self._values(*point.values()))
+        margin = HELD.threshold * (np.abs(slopes) @ assembly.x_nominal)
+        threshold = [e.indicator is not None and abs(v) <= m
+                     for e, v, m in zip(self.events, indicators.ravel().tolist(), margin.tolist(), strict=True)]
+        recurring = self._recurring(point)
+        looped = set(groups[:self.n_x].tolist()) | self._growing(point, recurring)
+        found = []
+        for k, held in enumerate(flat.held):
+            node = self.first_held + k
+            setters = self._setters.get(node, [])
+            if all(self.events[i].by_clock for i in setters) and not self._changes(held.index):
+                continue
+            path = held.name.rpartition(".")[0]
+            leaf = flat.expanded.leaves.get(path)
+            found.append(HeldVariable(
+                held.name, path, leaf.component.name if leaf else "", leaf.place if leaf else held.place,
+                float(point.p[held.index]), held.unit.text, held.doc, any(recurring[i] for i in setters),
+                groups[node] in looped, any(threshold[i] for i in setters), *self._paths(node, reached, seen)))
+        numbers = {column: k for k, column in enumerate(assembly.reduced.states)}
+        for k, (i, reset) in enumerate(self.resets):
+            if not recurring[i] or reset.unknown is None:
+                continue
+            node, path = self.first_reset + k, reset.name.rpartition(".")[0]
+            leaf = flat.expanded.leaves.get(path)
+            found.append(HeldVariable(
+                reset.name, path, leaf.component.name if leaf else "", leaf.place if leaf else reset.place,
+                float(point.x[numbers[(reset.unknown, 0)]]), flat.unknowns[reset.unknown].unit.text, "", True,
+                groups[node] in looped, False, *self._paths(node, reached, seen), state=True))
+        return tuple(sorted(found, key=lambda h: (not h.undecided, not h.in_loop)))
+
+    def _paths(self, node: int, reached: Mapping[int, set[int]], seen: Mapping[int, set[int]]
+               ) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        return (tuple(name for k, name in enumerate(self.inputs) if node in reached[k]),
+                tuple(name for k, name in enumerate(self.outputs) if node in seen[k]))
+
+    def _growing(self, point: Point, recurring: Sequence[bool]) -> set[int]:
+        """The groups of held variables alone, set by samples that follow each other without a state between, that grow."""
+        nodes = [node for node, setters in self._setters.items() if self.first_held <= node < self.first_reset
+                 and any(recurring[i] for i in setters)]
+        if not nodes:
+            return set()
+        groups, (values, targets) = self._graph[0], self._recursion
+        slopes = np.array(values(*point.values()).full())
+        matrix = np.zeros((len(self._held_index), len(self._held_index)))
+        for row, (event, target) in enumerate(targets):
+            if recurring[event]:
+                matrix[target] = slopes[row]
+        found = set()
+        for group in {int(groups[node]) for node in nodes}:
+            members = [k for k in range(len(matrix)) if groups[self.first_held + k] == group]
+            part = matrix[np.ix_(members, members)]
+            if np.isfinite(part).all() and np.abs(np.linalg.eigvals(part)).max(initial=0.0) > HELD.grows:
+                found.add(group)
+        return found
+
+    @cached_property
+    def _recursion(self) -> tuple[ca.Function, list[tuple[int, int]]]:
+        """The derivatives of new values by the held variables, and the event and the held variable of each row."""
+        position = {index: k for k, index in enumerate(self._held_index)}
+        rows = [(i, reset) for i, event in enumerate(self.events) for reset in event.resets if reset.held is not None]
+        values = self.assembly.express(stack([reset.value for _, reset in rows]))
+        held = stack([self.assembly.arguments[3][index] for index in self._held_index])
+        return (ca.Function("recursion", list(self.assembly.arguments), [ca.densify(ca.jacobian(values, held))]),
+                [(i, position[reset.held]) for i, reset in rows if reset.held is not None])
+
+    def _changes(self, index: int) -> bool:
+        """Whether the linear system is another with another value of an entry of p."""
+        assembly = self.assembly
+
+        def changing() -> set[int]:
+            x, z, p = assembly.arguments[1:4]
+            slopes = ca.jacobian(stack([assembly.ode, assembly.alg]), stack([x, z]))
+            known = {s.element_hash(): k for k, s in enumerate(ca.vertsplit(p))} if p.numel() else {}
+            return {known[s.element_hash()] for s in ca.symvar(stack(slopes.nonzeros())) if s.element_hash() in known} \
+                if slopes.nnz() else set()
+
+        return index in assembly.once("held-changing", changing)
+
+
+class StartEvents:
+    """The events at the instant of a start, which act before the machine is linearised."""
+
+    def __init__(self, assembly: Assembly):
+        self.assembly = assembly
+        self._equations = EventEquations(assembly, ca.SX(0, 1), ca.SX(0, 1)) if assembly.flat.events else None
+
+    def after(self, point: Point) -> Point:
+        """The point after the events of its instant; SimulationError if they leave no solution."""
+        equations = self._equations
+        if equations is None:
+            return point
+        first, period = equations.instants(point.p, np.zeros((len(point.p), 0)))[:2]
+        same = same_instant(point.t, point.t + _span(self.assembly))
+        events = [i for i, event in enumerate(equations.events) if event.indicator is None
+                  and _happens(event, float(first[i]), float(period[i]), point.t, same)]
+        true = self._indicators(point) > 0
+        moved = PointSensitivity(np.zeros((len(point.x), 0)), np.zeros((0, 0)), np.zeros((len(point.p), 0)))
+        for _ in range(EVENTS.max_cascades if events else 0):
+            point, moved, yielded = equations.fire(point, moved, events, [np.zeros(0)] * len(events), np.zeros(0))
+            fired = np.array([i in (*events, *yielded) for i in equations.conditions], dtype=bool)
+            now = self._indicators(point) > 0
+            events = [equations.conditions[c] for c in np.flatnonzero(now & ~true & ~fired)]
+            true = now
+            if not events:
+                break
+        return point
+
+    def _indicators(self, point: Point) -> Array:
+        equations = self._equations
+        if equations is None or not equations.conditions:
+            return np.zeros(0)
+        return equations.indicators(np.array([point.t]), point.x[:, None], point.z[:, None], point.p, point.u[:, None]
+                                    )[0][:, 0]
+
+
+def _span(assembly: Assembly) -> float:
+    """The time of a run in s."""
+    return float(grid(assembly.model, None, None)[-1]) if assembly.model.until is not None else 1.0
+
+
+def _happens(event: FlatEvent, first: float, period: float, time: float, same: float) -> bool:
+    """Whether a time event happens at a time, or once before it."""
+    if event.period is None:
+        return first <= time + same
+    number = round((time - first) / period) if period > 0 else -1
+    return number >= 0 and abs(first + number * period - time) <= same
