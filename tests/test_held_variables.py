@@ -136,7 +136,8 @@ def test_a_loop_through_a_sample_and_hold_is_refused_by_name(tmp_path: Path, cap
     (DELAYED, {}, "h.taken", "DelayedSampleHold"),
     (_memory(SAMPLED_POSITION), {"memory": MEMORY}, "h.q", "Memory"),
     (SAMPLED_POSITION.replace("SampleHold, T_s: 40 ms,", "Triggered,").replace(
-        "  m: {is", "  w: {is: SquareWave, T: 40 ms, high: 1, low: 0}\n  m: {is").replace("nodes: {", "nodes: {w: [w.y, h.t], "),
+        "  m: {is", "  w: {is: SquareWave, T: 40 ms, high: 1, low: 0}\n  m: {is").replace(
+            "nodes: {", "nodes: {w: [w.y, h.t], "),
      {"triggered": TRIGGERED}, "h.last", "Triggered"),
 ])
 def test_modes_of_a_sampled_loop_give_no_verdict_and_name_the_block(text: str, parts: dict[str, str], name: str, kind: str,
@@ -191,12 +192,9 @@ def test_state_spaces_and_their_exports_name_held_variables(tmp_path: Path):
 
 
 def test_figures_name_held_variables(tmp_path: Path):
-    file, drawn = _file(SAMPLED_POSITION, tmp_path), tmp_path / "bode.svg"
-    code, _ = _command(["linear", str(file), "--from", "b.f", "--to", "b.x", "--output", str(drawn)], tmp_path)
-    assert code == 0
     from heavebond.pictures.plot_linear import plot_bode
 
-    system = hb.state_space(hb.load(file), ["b.f"], ["b.x"])
+    system = hb.state_space(hb.load(_file(SAMPLED_POSITION, tmp_path)), ["b.f"], ["b.x"])
     figure = plot_bode([system], np.array([0.1, 1.0]), title="a title")
     assert any("held constant" in text.get_text() and "h.last" in text.get_text() for text in figure.texts)
 
@@ -258,8 +256,8 @@ def test_tuning_refuses_a_stability_limit_of_a_sampled_loop_and_otherwise_says_t
 def test_the_command_tune_says_that_the_stability_of_a_sampled_loop_is_not_decided(tmp_path: Path,
                                                                                    capsys: pytest.CaptureFixture[str]):
     file = _file(SAMPLED_POSITION, tmp_path)
-    words = ["tune", str(file), "--free", "h.T_s=30 .. 50 ms", "--cost", "rms(b.x)/1 m", "--evaluate", "0 .. 1 s", "--explore",
-             "0", "--no-robustness"]
+    words = ["tune", str(file), "--free", "h.T_s=30 .. 50 ms", "--cost", "rms(b.x)/1 m", "--evaluate", "0 .. 1 s",
+             "--explore", "0", "--no-robustness"]
     code, told = _command(words, tmp_path)
     assert code == 0 and told["stability"]["stable"] is None
     said = capsys.readouterr().out

@@ -362,7 +362,7 @@ initial: {load.x: 0 m, load.v: 0 m/s}
         made = CliRunner().invoke(main, words)
         assert made.exit_code == 0, made.output
         switched = " ".join(made.output.split())
-        assert "friction.mode is 0 there (1 sliding forwards, -1 backwards, 0 stuck) and stays so" in switched, words
+        assert "held constant: friction.mode = 0 (1 sliding forwards, -1 backwards, 0 stuck)" in switched, words
         assert "friction.told" not in switched
 
 

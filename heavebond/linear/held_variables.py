@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -59,7 +60,8 @@ class HeldVariable:
 
     `part` is the path of its component, `place` the line of the part. `sampled` is set if the events that change it happen
     whatever the motion, `in_loop` if its value acts on itself through the machine, `at_threshold` if the smallest motion
-    would change it. `inputs` of the linear system act on it, and it acts on `outputs`.
+    would change it, `acts` if an equation contains it (not conditions of events alone). `inputs` of the linear system act on
+    it, and it acts on `outputs`.
     """
 
     name: str
@@ -72,6 +74,7 @@ class HeldVariable:
     sampled: bool
     in_loop: bool
     at_threshold: bool
+    acts: bool
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
     state: bool = False
@@ -100,7 +103,7 @@ class HeldVariable:
         if self.sampled:
             return "set at given times, which the linear system does not contain"
         return "at its threshold, where the smallest motion may change it" if self.at_threshold else \
-            "does not switch in the linear system"
+            "does not switch in the linear system; for another state take a moment by --at"
 
     @property
     def treatment(self) -> str:
@@ -121,13 +124,19 @@ class HeldVariable:
 
 
 def held_lines(held: Sequence[HeldVariable]) -> list[str]:
-    """A line for each part with held variables: their values, and how the linear system treats them."""
+    """A line for each part with held variables: their values, and how the linear system treats them. Variables that only
+    conditions of events contain are left out beside others of the same part."""
     groups: dict[tuple[object, ...], list[HeldVariable]] = {}
-    for h in held:
+    acting = {h.part for h in held if h.acts}
+    for h in (h for h in held if h.acts or h.undecided or h.part not in acting):
         groups.setdefault((h.part, h.place.file, h.place.line, h.why, h.in_loop), []).append(h)
-    return [f"held constant: {', '.join(f'{h.name} = {readable(h.value, h.unit)}' for h in group)} "
-            f"({f'{group[0].component}, ' if group[0].component else ''}{group[0].place.file}:{group[0].place.line}), "
-            f"{'in a loop' if group[0].in_loop else 'outside of every loop'}: {group[0].why}" for group in groups.values()]
+    lines = []
+    for group in groups.values():
+        h = group[0]
+        values = ", ".join(f"{g.name} = {readable(g.value, g.unit)}{f' ({g.doc})' if g.doc else ''}" for g in group)
+        lines.append(f"held constant: {values}; {f'{h.component}, ' if h.component else ''}{h.place.file}:{h.place.line}, "
+                     f"{'in a loop' if h.in_loop else 'outside of every loop'}: {h.why}")
+    return lines
 
 
 def with_held(title: str, held: Iterable[HeldVariable]) -> str:
@@ -161,7 +170,7 @@ class HeldStructure:
                  outputs: Sequence[str], expressions: ca.SX):
         flat = assembly.flat
         self.assembly, self.inputs, self.outputs = assembly, (*parameters, *driven), tuple(outputs)
-        self.events = flat.events
+        self.events, self._measured = flat.events, len(flat.inputs) > len(driven)
         states = {column: k for k, column in enumerate(assembly.reduced.states)}
         # a state that samples set has a node of its own, before the state
         self.resets = [(i, reset) for i, event in enumerate(self.events) for reset in event.resets
@@ -180,7 +189,7 @@ class HeldStructure:
         self._held_index = [h.index for h in flat.held]
         contents = self._contents(stack(parts), parameters, driven)
         ends = np.cumsum([0, *(part.numel() for part in parts)]).tolist()
-        self._ode, alg, out, value, indicator, impulse = (contents[a:b] for a, b in zip(ends, ends[1:], strict=False))
+        self._ode, alg, out, value, indicator, impulse = (contents[a:b] for a, b in pairwise(ends))
         edges = [(source, k) for k, row in enumerate(self._ode) for source in row]
         edges += [(source, self.first_output + k) for k, row in enumerate(out) for source in row]
         edges += self._loops(alg, n_x, n_z)
@@ -203,7 +212,8 @@ class HeldStructure:
                 self._setters.setdefault(node, []).append(i)
                 edges += [(source, node) for source in {*impulse[i], *indicator[i]}]
         self.edges, self._indicator = edges, indicator
-        self._values = ca.Function("values", list(assembly.arguments), [parts[4], ca.jacobian(parts[4], assembly.arguments[1])])
+        self._values = ca.Function("values", list(assembly.arguments),
+                                   [parts[4], ca.jacobian(parts[4], assembly.arguments[1])])
 
     def _contents(self, column: ca.SX, parameters: Mapping[str, int], driven: Mapping[str, Sequence[int]]) -> list[set[int]]:
         """The nodes that each element of a column contains."""
@@ -214,7 +224,7 @@ class HeldStructure:
         entries.append({index: self.first_held + k for k, index in enumerate(self._held_index)})
         entries[3] |= {index: self.first_input + k for k, index in enumerate(parameters.values())}
         added = {at: self.first_input + len(parameters) + k for k, many in enumerate(driven.values()) for at in many}
-        entries.append({k: self.clock for k in range(self.assembly.arguments[4].numel())} | added)
+        entries.append(dict.fromkeys(range(self.assembly.arguments[4].numel()), self.clock) | added)
         contents: list[set[int]] = [set() for _ in range(column.numel())]
         for argument, nodes in enumerate(entries):
             if not self.assembly.arguments[argument].numel():
@@ -269,20 +279,22 @@ class HeldStructure:
         return found
 
     def _recurring(self, point: Point) -> list[bool]:
-        """Whether each event happens again and again whatever the motion."""
-        recurring = [e.period is not None or (e.indicator is not None and self.clock in self._direct[i]
-                                              and self._opens(point, i)) for i, e in enumerate(self.events)]
+        """Whether each event happens again and again whatever the motion: by its period, or by a condition of the time and of
+        variables that such events set, without states."""
+        clocked = [e.indicator is not None and not any(node < self.n_x for node in self._direct[i])
+                   for i, e in enumerate(self.events)]
+        recurring = [e.period is not None or (clocked[i] and self.clock in self._direct[i] and self._opens(point, i))
+                     for i, e in enumerate(self.events)]
         while True:
             moving = {node for node, setters in self._setters.items() if any(recurring[i] for i in setters)}
-            more = [r or (self.events[i].indicator is not None and bool(self._direct[i] & moving))
-                    for i, r in enumerate(recurring)]
+            more = [r or (clocked[i] and bool(self._direct[i] & moving)) for i, r in enumerate(recurring)]
             if more == recurring:
                 return recurring
             recurring = more
 
     def _opens(self, point: Point, event: int) -> bool:
         """Whether a condition comes true in the time of a run while all else stays as it is; with measured inputs it may."""
-        if self.assembly.flat.inputs:
+        if self._measured:
             return True
         end = _span(self.assembly)
         times = point.t + np.concatenate([np.geomspace(1e-6, 1, 60), np.linspace(0, 1, HELD.instants)[1:]]) * end
@@ -297,6 +309,8 @@ class HeldStructure:
         threshold = [e.indicator is not None and abs(v) <= m
                      for e, v, m in zip(self.events, indicators.ravel().tolist(), margin.tolist(), strict=True)]
         recurring = self._recurring(point)
+        acting = {source for source, target in self.edges
+                  if target < self.first_held or self.first_output <= target < self.clock}
         looped = set(groups[:self.n_x].tolist()) | self._growing(point, recurring)
         found = []
         for k, held in enumerate(flat.held):
@@ -309,7 +323,8 @@ class HeldStructure:
             found.append(HeldVariable(
                 held.name, path, leaf.component.name if leaf else "", leaf.place if leaf else held.place,
                 float(point.p[held.index]), held.unit.text, held.doc, any(recurring[i] for i in setters),
-                groups[node] in looped, any(threshold[i] for i in setters), *self._paths(node, reached, seen)))
+                groups[node] in looped, any(threshold[i] for i in setters),
+                node in acting, *self._paths(node, reached, seen)))
         numbers = {column: k for k, column in enumerate(assembly.reduced.states)}
         for k, (i, reset) in enumerate(self.resets):
             if not recurring[i] or reset.unknown is None:
@@ -319,7 +334,7 @@ class HeldStructure:
             found.append(HeldVariable(
                 reset.name, path, leaf.component.name if leaf else "", leaf.place if leaf else reset.place,
                 float(point.x[numbers[(reset.unknown, 0)]]), flat.unknowns[reset.unknown].unit.text, "", True,
-                groups[node] in looped, False, *self._paths(node, reached, seen), state=True))
+                groups[node] in looped, False, True, *self._paths(node, reached, seen), state=True))
         return tuple(sorted(found, key=lambda h: (not h.undecided, not h.in_loop)))
 
     def _paths(self, node: int, reached: Mapping[int, set[int]], seen: Mapping[int, set[int]]

@@ -280,7 +280,8 @@ class StateSpace:
         return {"states": [{"name": n, "unit": u} for n, u in zip(self.states, states, strict=True)],
                 "inputs": [{"name": n, "unit": u} for n, u in zip(self.inputs, inputs, strict=True)],
                 "outputs": [{"name": n, "unit": u} for n, u in zip(self.outputs, outputs, strict=True)],
-                "held": [h.as_dict() for h in self.held], "A": self.a.tolist(), "B": self.b.tolist(), "C": self.c.tolist(), "D": self.d.tolist(),
+                "held": [h.as_dict() for h in self.held],
+                "A": self.a.tolist(), "B": self.b.tolist(), "C": self.c.tolist(), "D": self.d.tolist(),
                 "D1": self.higher[0].tolist(), "D2": self.higher[1].tolist()}
 
     def _check_proper(self) -> None:

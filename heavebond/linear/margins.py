@@ -72,8 +72,8 @@ class Crossings:
 
     `gain`: the factors by which its gain may be multiplied until 1 + L is zero; `phase` in degrees (from -1, positive before
     it) and `delay` in s at every crossing of gain 1; `modulus`: the least distance of L from -1, the inverse of the maximum
-    sensitivity M_s. `verdict` is that of the closed loop by its eigenvalues, `reasons` what keeps it from being stable, `held`
-    are the variables that are constant in it.
+    sensitivity M_s. `verdict` is that of the closed loop by its eigenvalues, `reasons` what keeps it from being stable,
+    `held` are the variables that are constant in it.
     These are margins where the closed loop is not unstable; of an unstable one they say how far it is to go.
     """
 
@@ -139,9 +139,9 @@ def open_loop(closed: StateSpace) -> StateSpace:
     within = [h for h in closed.held if h.between]
     if sampled := [h for h in within if h.sampled or h.at_threshold]:
         raise UsageError([Problem(
-            "loop-held", f"the loop through '{name}' contains {sampled[0].label}, which the linear system holds constant: its "
-            "margins cannot be computed", sampled[0].place, "Replace it by its continuous law (for a sample and hold a Delay "
-            "of half a period), or tune and simulate the sampled loop.", tuple(h.text for h in sampled))])
+            "loop-held", f"the loop through '{name}' contains {sampled[0].label}, which the linear system holds constant: "
+            "its margins cannot be computed", sampled[0].place, "Replace it by its continuous law (for a sample and hold a "
+            "Delay of half a period), or tune and simulate the sampled loop.", tuple(h.text for h in sampled))])
     if not closed.proper or abs(d) < MARGINS.uncut:
         raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': what is added there acts on itself "
                                   "at once", None, "Cut it at another signal, such as a controller's output.")])

@@ -369,8 +369,8 @@ def stability_sentences(found: Stability, *, asked: bool = True) -> Iterator[str
     if found.undecided:
         yield f"stability not decided: {'; '.join(found.undecided)}"
     elif not found.decided:
-        yield "stability not decided: no equilibrium was found from the start, and the run does not end in a period or has " \
-            "events"
+        yield "stability not decided: no equilibrium was found from the start, and the run does not end in a period or " \
+            "has events"
     if not found.decided:
         yield from found.held
         return

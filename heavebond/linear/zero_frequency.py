@@ -6,8 +6,8 @@ Q^T A Q = [[N, X], [0, R]] with N nilpotent and R regular (see `stability`), so 
 
     R x_1,k = x_1,k-1 - r_1,k,   x_0,k = sum_j N^j (r_0 + X x_1)_(k+1+j).
 
-A coefficient is 0 if it is not above what errors of the entries of A, b and c make of it: a pole that a zero cancels, or that
-the input does not move, or that the output does not show. These errors are measured by solutions with disturbed entries
+A coefficient is 0 if it is not above what errors of the entries of A, b and c make of it: a pole that a zero cancels, or
+that the input does not move, or that the output does not show. These errors are measured by solutions with disturbed entries
 (stochastic arithmetic: J. Vignes, Math. Comput. Simul. 35 (1993) 233-261, doi:10.1016/0378-4754(93)90003-D). G(0) is g for
 q = 0, 0 for q > 0 and infinite for q < 0.
 """
