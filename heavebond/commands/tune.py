@@ -38,7 +38,8 @@ if TYPE_CHECKING:
 @click.option("--limit", "limits", metavar="FORMULA", multiple=True,
               help="What must be kept, e.g. 'peak(extension) < 3.8 m' or 'damping(least) > 0.1'. May be repeated.")
 @click.option("--stable/--no-stable", default=None,
-              help="Whether the tuned machine must be stable at rest [default: as the study says, else it must].")
+              help="Whether the tuned machine must be stable at rest [default: as the study says, else it must "
+                   "if that can be decided].")
 @click.option("--evaluate", metavar="'FROM .. TO'", help="The time that counts, e.g. '72 .. 96 s'; else the whole run.")
 @click.option("--reference", metavar="PATH=VALUE", multiple=True,
               help="A value of the run that ref(...) is taken from. May be repeated.")
