@@ -174,6 +174,18 @@ def test_a_sampled_command_outside_of_the_loop_does_not_take_the_verdict(tmp_pat
     assert system.stable and [(h.name, h.in_loop) for h in system.held] == [("h.last", False)]
 
 
+def test_a_law_that_a_clock_switches_takes_the_verdict(tmp_path: Path):
+    """Periodic changes of a stiffness: every frozen machine is stable, and the motion grows (Meissner's equation)."""
+    text = OSCILLATOR.replace("f: {is: ForceSource, u: 0 N}", 'f: {is: ForceSource, u: "=-150 N/m*w.y*b.x"}').replace(
+        "d: 4 N*s/m", "d: 0.1 N*s/m").replace("PART", "w: {is: SquareWave, T: 280 ms, high: 1, low: -1}")
+    file = _file(text, tmp_path)
+    run = hb.simulate(hb.load(file))["b.x"]
+    assert np.abs(run[-50:]).max() > 2 * np.abs(run[:50]).max()
+    system = hb.state_space(hb.load(file), ["b.f"], ["b.x"])
+    assert system.stability().verdict == UNDECIDED and not system.stability().growing
+    assert "w.on" in system.stability().reasons[0]
+
+
 def test_state_spaces_and_their_exports_name_held_variables(tmp_path: Path):
     file = _file(SAMPLED_POSITION, tmp_path)
     system = hb.state_space(hb.load(file), ["b.f"], ["b.x"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -18,11 +19,15 @@ def warn_of_growing(assembly: Assembly, point: Point) -> list[dict[str, object]]
     """Tell the modes that grow at a steady start: the machine leaves such an equilibrium at the least disturbance. Of large
     diagrams they are not computed."""
     from heavebond.commands import terminal
+    from heavebond.core.errors import SimulationError
+    from heavebond.linear.held_variables import StartEvents
     from heavebond.linear.linearisation import Linearisation
     from heavebond.linear.slow_modes import SLOW_MODES
 
     if len(assembly.state_names) > SLOW_MODES.max_all:
         return []
+    with suppress(SimulationError):  # the run says so
+        point = StartEvents(assembly).after(point)
     judged = Linearisation(assembly).at(point).stability()
     found = sorted(() if judged.undecided else judged.growing, key=lambda e: -e.value.real)
     if found:

@@ -25,7 +25,7 @@ from heavebond.core.errors import Place, Problem, UsageError, listing
 from heavebond.core.presentation import readable
 from heavebond.equations.events import FlatEvent
 from heavebond.equations.matching import maximum_matching
-from heavebond.language.symbols import stack
+from heavebond.language.symbols import places, stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.jumps import EventEquations, PointSensitivity
@@ -60,8 +60,8 @@ class HeldVariable:
 
     `part` is the path of its component, `place` the line of the part. `sampled` is set if the events that change it happen
     whatever the motion, `in_loop` if its value acts on itself through the machine, `at_threshold` if the smallest motion
-    would change it, `acts` if an equation contains it (not conditions of events alone). `inputs` of the linear system act on
-    it, and it acts on `outputs`.
+    would change it, `acts` if an equation contains it (not conditions of events alone), `varying` if it is sampled and the
+    linear system is another with another value. `inputs` of the linear system act on it, and it acts on `outputs`.
     """
 
     name: str
@@ -78,11 +78,12 @@ class HeldVariable:
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
     state: bool = False
+    varying: bool = False
 
     @property
     def undecided(self) -> bool:
         """Whether it takes the verdict on stability."""
-        return self.in_loop and (self.sampled or self.at_threshold)
+        return self.varying or (self.in_loop and (self.sampled or self.at_threshold))
 
     @property
     def between(self) -> bool:
@@ -147,8 +148,9 @@ def with_held(title: str, held: Iterable[HeldVariable]) -> str:
 
 def undecided_reasons(held: Iterable[HeldVariable]) -> tuple[str, ...]:
     """Why the stability is not decided, a phrase for each held variable that takes the verdict."""
-    return tuple(f"{h.label} lies in a loop and is {'set at given times' if h.sampled else 'at its threshold'}; "
-                 "the linear system holds it constant" for h in held if h.undecided)
+    return tuple(f"{h.label} {'lies in a loop' if h.in_loop else 'changes the linear system'} and is "
+                 f"{'set at given times' if h.sampled else 'at its threshold'}; the linear system holds it constant"
+                 for h in held if h.undecided)
 
 
 def check_decided(held: Iterable[HeldVariable], wanted: str, hint: str) -> None:
@@ -201,7 +203,7 @@ class HeldStructure:
             for reset in event.resets:
                 if reset.held is not None:
                     node = held_node[reset.held]
-                else:
+                elif reset.unknown is not None:
                     node, reset_node = reset_node, reset_node + 1
                     edges.append((node, states[(reset.unknown, 0)]))
                 self._setters.setdefault(node, []).append(i)
@@ -279,8 +281,8 @@ class HeldStructure:
         return found
 
     def _recurring(self, point: Point) -> list[bool]:
-        """Whether each event happens again and again whatever the motion: by its period, or by a condition of the time and of
-        variables that such events set, without states."""
+        """Whether each event happens again and again whatever the motion: by its period, or by a condition of the time and
+        of variables that such events set, without states."""
         clocked = [e.indicator is not None and not any(node < self.n_x for node in self._direct[i])
                    for i, e in enumerate(self.events)]
         recurring = [e.period is not None or (clocked[i] and self.clock in self._direct[i] and self._opens(point, i))
@@ -319,12 +321,12 @@ class HeldStructure:
             if all(self.events[i].by_clock for i in setters) and not self._changes(held.index):
                 continue
             path = held.name.rpartition(".")[0]
-            leaf = flat.expanded.leaves.get(path)
+            leaf, sampled = flat.expanded.leaves.get(path), any(recurring[i] for i in setters)
             found.append(HeldVariable(
                 held.name, path, leaf.component.name if leaf else "", leaf.place if leaf else held.place,
-                float(point.p[held.index]), held.unit.text, held.doc, any(recurring[i] for i in setters),
+                float(point.p[held.index]), held.unit.text, held.doc, sampled,
                 groups[node] in looped, any(threshold[i] for i in setters),
-                node in acting, *self._paths(node, reached, seen)))
+                node in acting, *self._paths(node, reached, seen), varying=sampled and self._changes(held.index)))
         numbers = {column: k for k, column in enumerate(assembly.reduced.states)}
         for k, (i, reset) in enumerate(self.resets):
             if not recurring[i] or reset.unknown is None:
@@ -379,8 +381,8 @@ class HeldStructure:
         def changing() -> set[int]:
             x, z, p = assembly.arguments[1:4]
             slopes = ca.jacobian(stack([assembly.ode, assembly.alg]), stack([x, z]))
-            known = {s.element_hash(): k for k, s in enumerate(ca.vertsplit(p))} if p.numel() else {}
-            return {known[s.element_hash()] for s in ca.symvar(stack(slopes.nonzeros())) if s.element_hash() in known} \
+            known = places(p)
+            return {known[s.element_hash()] for s in ca.symvar(ca.SX(slopes.nz[:])) if s.element_hash() in known} \
                 if slopes.nnz() else set()
 
         return index in assembly.once("held-changing", changing)

@@ -88,9 +88,10 @@ def leading(a: Array, b: Array, c: Array, direct: Array, highest: int = 0) -> Le
     exact, steps = _series(a, b, c, direct, highest, blocks)
     generator, spread = np.random.default_rng(0), np.zeros_like(exact)
     for _ in range(ZERO_FREQUENCY.samples):
-        disturbed = [matrix * (1 + ZERO_FREQUENCY.entries * generator.uniform(-1, 1, matrix.shape))
-                     for matrix in (a, b, c, direct)]
-        spread = np.maximum(spread, np.abs(_series(*disturbed, highest, blocks, steps, generator)[0] - exact))
+        near_a, near_b, near_c, near_direct = (
+            matrix * (1 + ZERO_FREQUENCY.entries * generator.uniform(-1, 1, matrix.shape)) for matrix in (a, b, c, direct))
+        near = _series(near_a, near_b, near_c, near_direct, highest, blocks, steps, generator)[0]
+        spread = np.maximum(spread, np.abs(near - exact))
     present = np.flatnonzero(np.abs(exact) > ZERO_FREQUENCY.beyond * spread)
     if not len(present):
         return Leading(None, 0.0)

@@ -12,7 +12,7 @@ from heavebond.core.presentation import converted, readable_unit
 from heavebond.equations.flatten import Flat
 from heavebond.equations.resolver import Bond
 from heavebond.language.symbols import stack
-from heavebond.linear.linearisation import ModesAtStart, start_point
+from heavebond.linear.linearisation import ModesAtStart
 from heavebond.linear.modal_energy import energy_shares
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.result import Result
@@ -107,9 +107,11 @@ def modes(assembly: Assembly, settings: Mapping[str, float | str]) -> Entry:
     """The modes at the start with the shares of the parts in their energy, as `heavebond modes` lists them."""
     at_start = ModesAtStart(assembly)
     first, found = at_start.at(settings)
-    shares = energy_shares(assembly, start_point(first, at_start.u), found)
+    point = at_start.point(first)
+    shares = energy_shares(assembly, point, found)
+    held = [h.name for h in at_start.linearisation.held(point) if h.acts]
     return {"modes": [{"frequency": mode.frequency, "damping": mode.damping if mode.value else None, "swings": mode.swings,
-                       "energy": _with_blocks(assembly.flat, share.energy)}
+                       "held": held, "energy": _with_blocks(assembly.flat, share.energy)}
                       for mode, share in zip(found, shares, strict=True)]}
 
 

@@ -274,7 +274,7 @@ export class Animation {
       if (this.legend.querySelector("#mode")) return;
       const words = (/** @type {any} */ m) => m.swings ? `${number(m.frequency, 4)} Hz, damping ratio ${number(m.damping, 3)}` : m.frequency ? `${m.damping < 0 ? "grows, " : ""}time constant ${number(1 / (2 * Math.PI * m.frequency), 3)} s` : "eigenvalue 0, free motion";
       this.legend.replaceChildren(this.modes.length ? el("select", { id: "mode", "aria-label": "mode", onchange: (/** @type {any} */ e) => { this.mode = Number(e.target.value); this.draw(); } },
-        ...this.modes.map((/** @type {any} */ m, /** @type {number} */ k) => el("option", { value: k, selected: k === this.mode }, words(m)))) : "no modes", " at the start");
+        ...this.modes.map((/** @type {any} */ m, /** @type {number} */ k) => el("option", { value: k, selected: k === this.mode }, words(m)))) : "no modes", ` at the start${this.modes[0]?.held?.length ? `; held constant: ${this.modes[0].held.join(", ")}` : ""}`);
       return;
     }
     const key = `${this.what} ${Boolean(this.data)}`;
