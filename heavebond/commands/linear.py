@@ -162,7 +162,7 @@ def _print_channels(channels: Sequence[StateSpace], span: Array, *, within: bool
     from heavebond.core.units import read_unit
     from heavebond.pictures.plot_linear import channel_name, ratio
 
-    rows, told = [], []
+    rows, told = [], list[dict[str, object]]()
     for base in channels:
         channel, scale = base.displayed(), read_unit(base.shown[0]).scale
         gains = np.abs(channel.response(2j * np.pi * span)[:, 0, 0])
