@@ -127,12 +127,7 @@ def _tell(found: Verification, told: dict[str, object]) -> None:
 
 def _figures(result: Result, names: Sequence[str]) -> dict[str, dict[str, float | str]]:
     """min, max, rms and last value of signals, each in the unit in which the result gives it."""
-    import numpy as np
-
-    values = result.signals(names)
-    return {name: {"min": float(values[name].min()), "max": float(values[name].max()),
-                   "rms": float(np.sqrt(np.mean(values[name] ** 2))), "final": float(values[name][-1]),
-                   "unit": result.unit(name)} for name in names}
+    return {name: {**figures.as_dict(), "unit": result.unit(name)} for name, figures in result.figures(names).items()}
 
 
 def _shown(value: float | str) -> str:

@@ -53,6 +53,10 @@ class EventConstants:
         between them. Doubled: such a stretch is given up later.
     steps_between: steps of the integrator between two points, after which the run is given up. Origin: a run has a
         thousand points at least. Doubled: runs that crawl are given up later.
+    steps_between_points: steps of the integrator between two points of the dense run (see `Result.dense`) where no condition
+        is checked, on the average, from which on more points are made. Origin: 0.1 rad of an oscillation. Doubled: fewer
+        calls are made again, extremes of oscillations have errors 16 times as large.
+    max_points: points of the dense run in one call of the integrator, at most. Origin: memory. Doubled: twice of it.
     max_cascades: events that set off each other at one instant. Origin: a chain of as many relays. Doubled: the error
         of a circle comes later.
     impact_time: seconds within which the impulse of an impact acts on what gives way to it (friction that sticks, bodies
@@ -97,6 +101,8 @@ class EventConstants:
     steps_in_chart: int = 5000
     steps_ahead: int = 3000
     steps_between: int = 30_000
+    steps_between_points: float = 2.0
+    max_points: int = 65_536
     max_cascades: int = 100
     impact_time: float = 1e-6
     max_halvings: int = 40

@@ -11,7 +11,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -64,12 +66,13 @@ class EventIntegration:
     `framed` makes the equations in a chart, with `integrals` (integrals and their sensitivities) after the other states;
     `inputs` gives at times the integrator's inputs, the first `n_u` of them those of the assembly, the others factors of the
     integrals; `build` makes an integrator by its name that stops at times, `solver` is the name of the first. With `changes`
-    the other solver goes on where one stops (see `other`).
+    the other solver goes on where one stops (see `other`). With `dense` points between the stops are kept.
     """
 
     def __init__(self, charts: StateChoices, framed: Callable[[StateChoice], Frame], integrals: int, stops: Array,
-                 inputs: Callable[[Array], Array], build: Build, solver: str, changes: bool = False):
+                 inputs: Callable[[Array], Array], build: Build, solver: str, changes: bool = False, dense: bool = False):
         self.first_solver, self.solver, self.changes, self.failed_at = solver, solver, changes, -np.inf
+        self.dense = dense
         self.failures = Failures(0)
         self.charts, self.integrals, self.stops, self.inputs, self._build = charts, integrals, stops, inputs, build
         self._framed, self._frames = framed, {id(charts.home): framed(charts.home)}
@@ -90,7 +93,7 @@ class EventIntegration:
     def _run(self, first: Start, moved: Tangent | None) -> Trace:
         now = self._begin(first, moved)
         self.solver, self.failed_at, self.failures = self.first_solver, -np.inf, Failures(0)
-        record = Record(now, self.stops, self.same)
+        record = Record(now, self.stops, self.same, self.dense)
         self._write(now, record)
         equations, begin = self.home.equations, now.t
         instants = equations.instants(now.p, now.dp)
@@ -101,7 +104,9 @@ class EventIntegration:
         if record.true_at_start is None:
             record.true_at_start = self._true_at_start(now)
         self._until(now, float(self.stops[-1]), record)
-        return record.trace(self.integrals, self.inputs(self.stops)[: self.n_u])
+        trace = record.trace(self.integrals, self.inputs(self.stops)[: self.n_u])
+        return replace(trace, between=partial(record.between, self.integrals, lambda t: self.inputs(t)[: self.n_u])) \
+            if self.dense else trace
 
     def _begin(self, first: Start, moved: Tangent | None) -> EventState:
         frame, assembly = self.home, self.home.assembly
@@ -154,7 +159,7 @@ class EventIntegration:
                 now, halvings = self._happen(found[1], found[2], found[3], record, condition=True), 0
                 ahead.restart(self.changes)
                 continue
-            record.write(now, times[:reached], y, z)
+            self._passed(now, looks, reached, y, z, record, record.steps - steps)
             if not halvings and reached == len(times):
                 ahead.accept(now.t, looks, record.steps - steps)
             else:
@@ -163,6 +168,34 @@ class EventIntegration:
             now = replace(now, true=self._indicators(now)[0] > 0)
             halvings = max(halvings - 1, 0)
         return now
+
+    def _passed(self, now: EventState, looks: Looks, reached: int, y: Array, z: Array, record: Record, steps: int) -> None:
+        """Write down the points of a call that took so many steps. Where points between the stops are kept and these points
+        are far apart, the call is made again with points between."""
+        times = looks.times[:reached]
+        parts = self._parts(looks, float(looks.times[-1] - now.t), steps) if self.dense and reached == len(looks.times) else 1
+        if parts == 1:
+            record.write(now, times, y, z)
+            return
+        record.write_stops(now, times, y, z)
+        even = np.linspace(now.t, float(times[-1]), looks.even * parts + 1)[1:]
+        even[parts - 1::parts] = times[len(times) - looks.even:]
+        with suppress(RuntimeError):
+            counted = record.steps
+            inner, unknowns = self._advance(now, Looks.at(even), record)
+            record.steps = counted
+            record.keep(now, even, inner, unknowns)
+            return
+        record.keep(now, times, y[:, :reached], z[:, :reached])
+
+    def _parts(self, looks: Looks, length: float, steps: int) -> int:
+        """Into how many parts the intervals of a call are divided, a power of two."""
+        if self.ahead.dense:  # its points follow the steps
+            return 1
+        by_steps = (steps - EVENTS.steps_at_begin) / looks.even / EVENTS.steps_between_points
+        by_span = length / looks.even / self.span * EVENTS.min_checks * (1 - 1e-9)
+        wanted = min(max(by_steps, by_span), EVENTS.max_points / looks.even)
+        return 2 ** int(np.ceil(np.log2(wanted))) if wanted > 1 else 1
 
     def _mended(self, now: EventState, looks: Looks, halvings: int, error: RuntimeError, record: Record
                 ) -> tuple[EventState, int]:
@@ -393,6 +426,7 @@ class EventIntegration:
                 condition: bool = False) -> EventState:
         """The events act, then those whose conditions become true by it; what stands there after all is written down."""
         equations, begun = now.frame.equations, now
+        record.keep(now, np.array([now.t]), now.y[:, None], now.z[:, None])
         before = point = self._point(now)
         moved, happened, late = self._moved(now), list[int](), list[Array]()
         factors = self.inputs(np.array([now.t]))[self.n_u:, 0]

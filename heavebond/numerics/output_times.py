@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from heavebond.core.errors import Problem, UsageError
@@ -14,6 +16,30 @@ from heavebond.text.expression import constant
 
 Time = float | str
 POINTS = 1000  # output points where nothing is said
+
+
+@dataclass(frozen=True)
+class DensePointConstants:
+    """The constants of the points between the output points, from which extremes, mean squares and the verdict are taken.
+
+    intervals: intervals of a run, at least. Origin: 0.3 us and the states of a point each, while most runs take less than
+        five steps in an interval. Doubled: faster oscillations are resolved, some ms a run.
+    numbers: states at all points, at most. Origin: 32 MB. Doubled: twice the memory of large diagrams.
+    first: share of the run up to which the first output interval is not divided in the integration. Origin: the first step
+        depends on its length, and runs are not to depend on these points. Doubled: nothing but for coarse output.
+    moved: share of its range along the run from which on a state that moves in the first interval has it integrated again,
+        with points between. Origin: a smaller excursion is no extreme. Doubled: smaller transients are passed over.
+    shares: the points in it, as shares. Origin: transients of any length down to rounding. Doubled: some us.
+    """
+
+    intervals: int = 16_000
+    numbers: int = 4_000_000
+    first: float = 0.01
+    moved: float = 1e-3
+    shares: Array = field(default_factory=lambda: np.union1d(np.linspace(0, 1, 65), 1.25 ** -np.arange(1.0, 80)))
+
+
+DENSE_POINTS = DensePointConstants()
 
 
 def grid(model: Model, until: Time | None, every: Time | None) -> Array:
@@ -39,6 +65,20 @@ def grid(model: Model, until: Time | None, every: Time | None) -> Array:
     number = int(np.floor(wanted))
     times = np.arange(number + 1) * step
     return np.asarray(times if end - times[-1] < 1e-9 * end else np.append(times, end))
+
+
+def refined(stops: Array, unknowns: int) -> Array:
+    """Stops (N,) with points between, for so many unknowns (see DensePointConstants)."""
+    span = float(stops[-1] - stops[0])
+    intervals = min(DENSE_POINTS.intervals, DENSE_POINTS.numbers // max(unknowns, 1))
+    if len(stops) < 2 or len(stops) > intervals:
+        return stops
+    lengths = np.diff(stops)
+    parts = np.maximum(np.ceil(lengths / span * intervals * (1 - 1e-9)), 1).astype(int)
+    if lengths[0] <= DENSE_POINTS.first * span:
+        parts[0] = 1
+    number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+    return np.append(np.repeat(stops[:-1], parts) + np.repeat(lengths / parts, parts) * number, stops[-1])
 
 
 def seconds(given: Time, what: str) -> float:

@@ -287,14 +287,20 @@ class CaseSimulator(Unexplained):
         inputs = self.assembly.flat.inputs
         return self.compiled and bool(inputs) and all(k.source.interpolation == "spline" for k in inputs)
 
+    @property
+    def _may_be_dense(self) -> bool:
+        """Whether points may be added between the stops: not where integration begins anew at each of these."""
+        return not self.assembly.flat.inputs or self.looks_up
+
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
         assert self.driver is not None and moved is None
         n = len(first.x)
         x0 = np.append(first.x / self.assembly.x_nominal, np.zeros(self.integrals))
         p = first.p if self.factors is None else np.concatenate([first.p, self.factors.values])
         found = self.driver.run(x0, first.z / self.assembly.z_nominal, p, np.zeros((len(p), 0)))
-        return self._trace(found.x[:n] * self.assembly.x_nominal[:, None], found.z * self.assembly.z_nominal[:, None],
-                           found.x[n:], dict(self.driver.stats()))
+        trace = self._trace(found.x[:n] * self.assembly.x_nominal[:, None], found.z * self.assembly.z_nominal[:, None],
+                            found.x[n:], dict(self.driver.stats()))
+        return replace(trace, between=(lambda: (self.stops, trace)) if self.dense else None)
 
 
 class FitSimulator(Unexplained):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from heavebond.core.units import dimension_text, read_unit
 from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.extremes import SignalFigures, signal_figures
 from heavebond.numerics.initialise import Start
 from heavebond.numerics.run_verdict import NOT_BECOME, Finding, Verdict
 from heavebond.numerics.validity import RunSection, judged
@@ -60,7 +61,8 @@ class Result:
 
     `quadratures` (n_q, N) are the integrals that the caller asked for, `p` (n_p,) the parameters at the start, `held`
     (n_h, N) the held variables, and `instants` the events; at an event the values are those after it. `stays` are the
-    parts of the run in which other states were integrated: their times (k,) and the run there in those states.
+    parts of the run in which other states were integrated: their times (k,) and the run there in those states. `between`
+    makes `dense`.
     """
 
     assembly: Assembly
@@ -76,11 +78,25 @@ class Result:
     held: Array = field(default_factory=lambda: np.zeros((0, 0)))
     instants: tuple[Instant, ...] = ()
     stays: tuple[Stayed, ...] = ()
+    between: Callable[[], Result] | None = field(default=None, repr=False, compare=False)
 
     @cached_property
     def verdict(self) -> Verdict:
         """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
-        return judged(list(_stretches(self)), [*self._true_at_start(), *self._placeholders()])
+        dense = [] if self.dense is self else list(_stretches(self.dense))
+        return judged(list(_stretches(self)), [*self._true_at_start(), *self._placeholders()], dense)
+
+    @cached_property
+    def dense(self) -> Result:
+        """The run at its output points, at points between them about as dense as the steps of the integrator, and on both
+        sides of events, whose time occurs twice. The run itself where it was made without such points."""
+        return self if self.between is None else self.between()
+
+    def figures(self, names: Iterable[str]) -> dict[str, SignalFigures]:
+        """Extremes, mean, root mean square and last value of signals, each in `result.unit(name)`. They are taken from
+        `dense` and do not depend on the output points."""
+        dense = self.dense
+        return {name: signal_figures(dense.time, values) for name, values in dense.signals(names).items()}
 
     def _true_at_start(self) -> list[Finding]:
         """Events that would have happened if their conditions had become true at the start instead of being so."""

@@ -72,7 +72,7 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
     written = assembly.model.solver
     asked = solver or (written.text if written else "auto")
     simulator = Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol), sensitivities=sensitivities,
-                          solver=asked, allow_fmu=allow_fmu)
+                          solver=asked, allow_fmu=allow_fmu, dense=True)
     simulator.expect(parameters)
     result = run_by_auto(simulator, parameters, allow_fmu) if asked == "auto" else _run_as_asked(simulator, parameters)
     report_verdict(assembly.model.name, result.verdict)
@@ -127,7 +127,8 @@ def _changed_where_it_stops(simulator: Simulator, parameters: Mapping[str, float
             raise reasoned from None
     try:
         again = type(simulator)(filled(assembly, fills, simulator.begun), times=simulator.time,
-                                tolerances=simulator.tolerances, sensitivities=simulator.parameters, allow_fmu=allow_fmu)
+                                tolerances=simulator.tolerances, sensitivities=simulator.parameters, allow_fmu=allow_fmu,
+                                dense=simulator.dense)
         try:
             return _accepted(again.run(), fills, first)
         except SimulationError as error:

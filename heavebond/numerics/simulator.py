@@ -29,7 +29,7 @@ from heavebond.numerics.initialise import Start, Tangent, start, tangent
 from heavebond.numerics.inputs import Pieced, pieced
 from heavebond.numerics.jumps import EventEquations
 from heavebond.numerics.looks import Looks
-from heavebond.numerics.output_times import Time, grid
+from heavebond.numerics.output_times import DENSE_POINTS, Time, grid, refined
 from heavebond.numerics.result import ForwardSensitivities, Result, Stayed
 from heavebond.numerics.solvers import DEFAULT, RETYPE, Choice, Explicit, Integrator, algebraic_left, chosen, integrator
 from heavebond.numerics.start_equations import Point, StartEquations
@@ -49,12 +49,12 @@ class Simulator:
                  times: Array | None = None, tolerances: Tolerances | None = None,
                  quadratures: ca.SX | None = None, factors: Factors | None = None, sensitivities: Iterable[str] = (),
                  free_start: bool = False, like: Simulator | None = None, driven: Pieced | None = None,
-                 solver: str | None = None, allow_fmu: bool = False):
+                 solver: str | None = None, allow_fmu: bool = False, dense: bool = False):
         """IDAS integrates where no other `solver` is asked for, whatever the diagram says of its plain runs; `auto` is
         resolved here (see `chosen`), while what happens where it fails is that of `run_by_auto`. `factors`
         stand in the quadratures; `free_start` adds the states at the first time to the sensitivities (see `run_from`); what
         can be taken from another simulator (`like`) is not made again; `driven` are inputs to be taken instead of the
-        records'."""
+        records'. With `dense` a result has points between its output points (see `Result.dense`)."""
         self.assembly, self._turn = assembly, RLock()
         check_allowed(assembly.flat, allow_fmu, sensitivities := tuple(sensitivities))
         self.tolerances = tolerances or Tolerances()
@@ -68,8 +68,12 @@ class Simulator:
         self.quadratures, self.factors = quadratures, factors
         self.start_equations = assembly.once("start", lambda: StartEquations(assembly))
         self.integrals = 0 if quadratures is None else quadratures.numel() * (1 + len(self.sensitivities))
-        self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
+        self.stops = stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
         self.charts = charts = StateChoices(assembly)
+        self.dense = dense and self._may_be_dense
+        if self.dense and not (assembly.flat.events or charts.needed):
+            self.stops = refined(stops, len(assembly.x_nominal) * (1 + len(self.sensitivities)) + self.integrals)
+        self._points = len(stops)
         self.longest, self._felt = 0.0, None
         self._limit_steps(assembly)
         self.solver: Choice = chosen(solver, assembly, charts.needed)
@@ -77,6 +81,8 @@ class Simulator:
         self._known_slopes: dict[int, ca.Function] = {}
         self._keep = np.searchsorted(self.stops, self.time)
         self.switching = self._switching(charts) if assembly.flat.events or charts.needed else None
+
+    _may_be_dense = True  # whether points may be added between the stops
 
     def prepare(self) -> None:
         """Build the integrator."""
@@ -121,7 +127,7 @@ class Simulator:
             return integrator(name, made, looks.grid, self.solver.controlled(self.tolerances), most)
 
         return EventIntegration(charts, self._framed, self.integrals, self.stops, self.inputs, build, self.solver.name,
-                                changes)
+                                changes, self.dense)
 
     @cached_property
     def integrand(self) -> Integrand:
@@ -227,27 +233,41 @@ class Simulator:
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         statistics = {"solver": self.solver.name, "why": self.solver.why, "seconds": seconds,
                       "start_steps": first.steps, **found.statistics}
-        keep, sizes = self._keep, self._sizes(moved)
+        sizes = self._sizes(moved)
         instants = found.instants if moved is None else tuple(replace(i, delays=i.delays / sizes) for i in found.instants)
         n_q = self.integrals // (1 + len(self.sensitivities))
 
-        def taken(of: Assembly, at: NDArray[np.intp], x: Array, z: Array, stays: tuple[Stayed, ...] = ()) -> Result:
-            """The run at some of its times, from x and z there in the states of an assembly."""
-            stops = slice(None) if len(at) == len(self.stops) else keep[at]
-            n_x, n_z = len(of.x_nominal), len(of.z_nominal)
-            along = None if moved is None else ForwardSensitivities(
-                self.sensitivities, _by_direction(x[n_x:, stops], sizes), _by_direction(z[n_z:, stops], sizes),
-                (moved.p / sizes).T, _by_direction(found.quadratures[n_q:, stops], sizes),
-                found.held_along[..., stops] / sizes[:, None, None])
-            return Result(of, self.time[at], x[:n_x, stops], z[:n_z, stops], self.pieces.at(self.time[at]), first.p, first,
-                          statistics, found.quadratures[:n_q, stops], along, found.held[:, stops], instants, stays)
+        def taken(found: Trace, times: Array, keep: NDArray[np.intp]) -> Result:
+            """The run at times (n,), which are points of a trace."""
 
-        others = ((np.flatnonzero(stay.at[keep]), stay) for stay in found.stays)
-        # a stay may pass between two output points
-        stays = tuple((at, taken(stay.assembly, at, stay.x, stay.z)) for at, stay in others if len(at))
-        result = taken(assembly, np.arange(len(keep)), found.x, found.z, stays)
+            def in_states(of: Assembly, at: NDArray[np.intp], x: Array, z: Array, stays: tuple[Stayed, ...] = ()) -> Result:
+                """The run at some of these times, from x and z at all points in the states of an assembly."""
+                points = slice(None) if len(at) == x.shape[1] else keep[at]
+                n_x, n_z = len(of.x_nominal), len(of.z_nominal)
+                along = None if moved is None else ForwardSensitivities(
+                    self.sensitivities, _by_direction(x[n_x:, points], sizes), _by_direction(z[n_z:, points], sizes),
+                    (moved.p / sizes).T, _by_direction(found.quadratures[n_q:, points], sizes),
+                    found.held_along[..., points] / sizes[:, None, None])
+                return Result(of, times[at], x[:n_x, points], z[:n_z, points], self.pieces.at(times[at]), first.p, first,
+                              statistics, found.quadratures[:n_q, points], along, found.held[:, points], instants, stays)
+
+            others = ((np.flatnonzero(stay.at[keep]), stay) for stay in found.stays)
+            # a stay may pass between two output points
+            stays = tuple((at, in_states(stay.assembly, at, stay.x, stay.z)) for at, stay in others if len(at))
+            return in_states(assembly, np.arange(len(keep)), found.x, found.z, stays)
+
+        result = taken(found, self.time, self._keep)
         self._check_decided(result)
-        return result
+        if found.between is None:
+            return result
+
+        def dense() -> Result:
+            assert found.between is not None
+            with self._turn:
+                times, trace = found.between()
+            return taken(trace, times, np.arange(len(times)))
+
+        return replace(result, between=dense)
 
     def _check_decided(self, result: Result) -> None:
         """SimulationError where a run went on although nothing decided an algebraic unknown, in any of its charts."""
@@ -379,11 +399,43 @@ class Simulator:
         middle = (self.stops[:-1] + self.stops[1:]) / 2
         found = self.integrator(x0=x0, z0=z0, p=p, **self._driven(middle))
         x = np.column_stack([x0, np.asarray(found["xf"]).reshape(n_all, n)])
-        z = self._settled(x, np.column_stack([z0, np.asarray(found["zf"]).reshape(len(z0), n)]), p, self.stops)
-        x[:n_x] *= x_size[:, None]
-        z, x, q = z * z_size[:, None], x[:n_x], x[n_all - self.integrals:]
+        raw = np.column_stack([z0, np.asarray(found["zf"]).reshape(len(z0), n)])
+        z, keep = raw.copy(), self._keep if self.dense else slice(None)
+        z[:, keep] = self._settled(x[:, keep], raw[:, keep], p, self.stops[keep])
+
+        def traced(x: Array, z: Array, statistics: dict[str, object]) -> Trace:
+            return self._trace(x[:n_x] * x_size[:, None], z * z_size[:, None], x[n_all - self.integrals:], statistics)
+
+        def between() -> tuple[Array, Trace]:
+            times, states, unknowns = self._with_first_interval(first, x, raw, p)
+            return times, traced(states, self._settled(states, unknowns, p, times), {})
+
         statistics = {k: v for k, v in self.integrator.stats().items() if k in COUNTED}
-        return self._trace(x, z, q, statistics)
+        return replace(traced(x, z, statistics), between=between if self.dense else None)
+
+    def _with_first_interval(self, first: Start, x: Array, z: Array, p: Array) -> tuple[Array, Array, Array]:
+        """The stops (N,) with scaled states (n, N) and algebraic unknowns there; where the states move much in the first
+        interval, which is not divided in the run, it is integrated again with points between."""
+        assembly, stops, length = self.assembly, self.stops, float(self.stops[1] - self.stops[0])
+        u = self.pieces.at(stops[:1])[:, 0]
+        rates = np.array(assembly.rates(first.t, first.x, first.z, first.p, u, 1.0)[0]).ravel() / assembly.x_nominal
+        ranges, n = np.ptp(x, axis=1), len(first.x)
+        moves = np.maximum(np.abs(x[:n, 1] - x[:n, 0]), np.abs(rates) * length)
+        times = stops[0] + length * DENSE_POINTS.shares
+        if len(stops) < 3 or not np.any(moves > DENSE_POINTS.moved * ranges[:n]):
+            return stops, x, z
+        name = "idas" if len(z) else self.solver.name
+        again = integrator(name, self.integrand, times, self.solver.controlled(self.tolerances))
+        with caught_errors():
+            try:
+                found = again(x0=x[:, 0], z0=z[:, 0], p=p, **self._driven((times[:-1] + times[1:]) / 2))
+            except RuntimeError:
+                return stops, x, z
+        inner = [np.asarray(found[name]).reshape(len(of), len(times) - 1)[:, :-1] for name, of in (("xf", x), ("zf", z))]
+        if not np.all(np.isfinite(inner[0])):
+            return stops, x, z
+        return (np.concatenate([stops[:1], times[1:-1], stops[1:]]),
+                *(np.column_stack([of[:, :1], more, of[:, 1:]]) for of, more in zip((x, z), inner, strict=True)))
 
     def _scaled_start(self, first: Start, moved: Tangent | None = None) -> tuple[Array, Array, Array]:
         """x0, z0 and p of the integrator."""
@@ -402,7 +454,7 @@ class Simulator:
         points are over too soon, and those with events are compiled on their way."""
         points = int(LOOKED_AT * (len(self.stops) - 1))
         integration = self.integrator
-        if len(self.stops) < MANY_POINTS or self.switching is not None or is_large(self.integrand.dae) or \
+        if self._points < MANY_POINTS or self.switching is not None or is_large(self.integrand.dae) or \
                 self.solver.name == "rosenbrock" or not isinstance(integration, Idas | Explicit):
             return
         try:

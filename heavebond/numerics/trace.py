@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
@@ -63,7 +64,8 @@ class AlternativeStates:
 @dataclass(frozen=True)
 class Trace:
     """A run at its stops: x, z, integrals with all blocks of sensitivities, the held variables (n_h, N) and their
-    sensitivities (m, n_h, N), the events, and the stops at which other states were integrated."""
+    sensitivities (m, n_h, N), the events, and the stops at which other states were integrated. `between` gives times and the
+    run at these: at the stops, at points between them, and on both sides of events."""
 
     x: Array
     z: Array
@@ -73,6 +75,7 @@ class Trace:
     instants: tuple[Instant, ...]
     statistics: dict[str, object]
     stays: tuple[AlternativeStates, ...] = ()
+    between: Callable[[], tuple[Array, Trace]] | None = None
 
 
 @dataclass(frozen=True)
@@ -151,8 +154,10 @@ class EventState:
 class Record:
     """The values recorded at the stops (N,) of a run; `passed` are the last events of conditions with their times."""
 
-    def __init__(self, first: EventState, stops: Array, same: float):
+    def __init__(self, first: EventState, stops: Array, same: float, dense: bool = False):
+        """With `dense` the points between the stops and before events are kept as well."""
         n = len(stops)
+        self.points: list[tuple[EventState, Array, Array, Array]] | None = [] if dense else None
         self.stops, self.same, self.home = stops, same, first.frame
         self.y, self.p, self.dp = np.zeros((len(first.y), n)), np.zeros((len(first.p), n)), np.zeros((*first.dp.shape, n))
         self.frames: list[Frame] = [first.frame]
@@ -169,6 +174,16 @@ class Record:
         """Record the points at times (n,), with y and z (., n), that are stops."""
         if not len(times):
             return
+        self.keep(now, times, y[:, :len(times)], z[:, :len(times)])
+        self.write_stops(now, times, y, z)
+
+    def keep(self, now: EventState, times: Array, y: Array, z: Array) -> None:
+        """Keep points between the stops, where these are asked for."""
+        if self.points is not None:
+            self.points.append((now, times, y, z))
+
+    def write_stops(self, now: EventState, times: Array, y: Array, z: Array) -> None:
+        """Record the points at times (n,), with y and z (., n), that are stops; none of them is kept as a point between."""
         stop = np.searchsorted(self.stops, times - self.same)
         which = np.flatnonzero(np.abs(self.stops.take(stop, mode="clip") - times) <= self.same)
         at = stop[which]
@@ -185,6 +200,20 @@ class Record:
         blocks = 1 + self.dp.shape[1]
         self.z.append(np.zeros((len(frame.assembly.z_nominal) * blocks, len(self.stops))))
         return len(self.frames) - 1
+
+    def between(self, integrals: int, inputs: Callable[[Array], Array]) -> tuple[Array, Trace]:
+        """The times of all points that were kept, and the run at these."""
+        assert self.points is not None
+        times = np.concatenate([at for _, at, _, _ in self.points])
+        whole, begin = Record(self.points[0][0], times, self.same), 0
+        whole.home, whole.frames, whole.z = self.home, [self.home], [np.zeros((len(self.z[0]), len(times)))]
+        for now, at, y, z in self.points:
+            chosen, begin = slice(begin, begin + len(at)), begin + len(at)
+            number = whole._number(now.frame)
+            whole.frame[chosen], whole.y[:, chosen], whole.z[number][:, chosen] = number, y, z
+            whole.p[:, chosen], whole.dp[:, :, chosen] = now.p[:, None], now.dp[:, :, None]
+        whole.instants, whole.steps = self.instants, self.steps
+        return times, whole.trace(integrals, inputs(times))
 
     def trace(self, integrals: int, u: Array) -> Trace:
         """The run as recorded; the last `integrals` rows of y are integrals, u (n_u, N) the inputs. For every other choice

@@ -1,6 +1,6 @@
 """Whether the values of a run mean something: the checks behind its verdict.
 
-What is looked for, at the output points: values that are not finite; values of more than a million typical sizes; components
+What is looked for, at the output points and those between them (see `Result.dense`): values that are not finite; values of more than a million typical sizes; components
 whose power does not balance; values outside the range that a component or a domain declares, or larger than in any
 machine; states that grow exponentially to the end. The first three mean that the numbers are worthless, the others are told:
 a diagram in the making may go there, and a short while may not matter.
@@ -38,7 +38,12 @@ class ValidityConstants:
         that turns for hours. Doubled: a position that runs away is named later.
     samples: points of a run at which everything is evaluated. Origin: all points would cost a tenth of the run.
         Doubled: twice that time, short excesses of algebraic variables are found.
-    watched: points at which variables with a declared range are evaluated. Origin: as above. Doubled: as above.
+    watched: points at which variables with a declared range are evaluated in any case. Origin: as above. Doubled: as above.
+    near: multiple of their moves from one of these points to the next by which they must keep away from their limits;
+        else they are evaluated at all points between. Origin: a curve goes beyond its points by less than it moves.
+        Doubled: more evaluations.
+    excursion: share of its range along the run by which a state that leaves its values at two of these points has all
+        points between evaluated. Origin: half of what is drawn as one line. Doubled: smaller excursions are passed over.
     growth_parts: equal parts of the second half of a run that are compared for growth. Origin: an exponential is told
         from a power of time. Doubled: slow growth is less often named.
     growth: factor by which each part goes further than the one before. Origin: t**6 does not. Doubled: only fast growth
@@ -53,6 +58,8 @@ class ValidityConstants:
     fast: float = 100.0
     samples: int = 100
     watched: int = 1000
+    near: float = 2.0
+    excursion: float = 5e-3
     growth_parts: int = 8
     growth: float = 1.5
     grown: float = 10.0
@@ -85,13 +92,15 @@ class RunSection:
     columns: Callable[[Points], tuple[Array, ...]]
 
 
-def judged(stretches: Sequence[RunSection], also: Sequence[Finding] = ()) -> Verdict:
-    """The verdict on a run of one stretch or several; `also` was found during the run."""
+def judged(stretches: Sequence[RunSection], also: Sequence[Finding] = (), dense: Sequence[RunSection] = ()) -> Verdict:
+    """The verdict on a run of one stretch or several; `also` was found during the run, `dense` is the run with points between
+    its output points, where there are any."""
     duration = max((float(s.time[-1]) for s in stretches), default=0.0) - min((float(s.time[0]) for s in stretches),
                                                                               default=0.0)
     with np.errstate(over="ignore", invalid="ignore"):  # what has run away may overflow
         longest = max((len(s.time) for s in stretches), default=0)
-        found = [f for s in stretches for f in _of_stretch(s, duration, len(s.time) == longest)]
+        found = [f for s in dense for f in _between(s, duration)]
+        found += [f for s in stretches for f in _of_stretch(s, duration, len(s.time) == longest, not dense)]
         if len(stretches) == 1:
             found += _growing(stretches[0])
     return verdict([*found, *also])
@@ -103,8 +112,51 @@ def at_point(assembly: Assembly, point: Point) -> Verdict:
     return verdict(list(_outside(assembly.flat.unknowns, values, np.array([point.t]), 0.0)))
 
 
-def _of_stretch(s: RunSection, duration: float, balanced: bool) -> Iterator[Finding]:
-    """What is wrong in one part of a run; the power balance, whose laws are those of all parts, where it is wanted."""
+def _between(s: RunSection, duration: float) -> Iterator[Finding]:
+    """What is outside its range in one part of a run, at all points: states, and variables with a declared range where
+    these come near to it or the states move (see `near`)."""
+    flat, states = s.assembly.flat, {j: k for k, (j, order) in enumerate(s.assembly.reduced.states) if order == 0}
+    yield from _outside([flat.unknowns[j] for j in states], s.x[list(states.values())], s.time, duration)
+    looked_at = [j for j, u in enumerate(flat.unknowns) if j not in states and _ranged(u)]
+    if not looked_at:
+        return
+    at = _spread(len(s.time), VALIDITY.watched)
+    values = _values_of(s, looked_at, at)
+    unknowns = [flat.unknowns[j] for j in looked_at]
+    if len(at) == len(s.time):
+        yield from _outside(unknowns, values, s.time, duration)
+        return
+    bounds = np.array([_bounds(u, duration) for u in unknowns])
+    margin = np.minimum(values - bounds[:, :1], bounds[:, 1:] - values)
+    moved = np.abs(np.diff(values, axis=1))
+    moved = np.maximum(moved, np.maximum(np.pad(moved, ((0, 0), (1, 0)))[:, :-1], np.pad(moved, ((0, 0), (0, 1)))[:, 1:]))
+    near = ~(np.minimum(margin[:, :-1], margin[:, 1:]) > VALIDITY.near * moved).all(axis=0) | _excursions(s.x, at)
+    inner = np.concatenate([at, *(np.arange(at[k] + 1, at[k + 1]) for k in np.flatnonzero(near))])
+    inner.sort()
+    yield from _outside(unknowns, _values_of(s, looked_at, inner), s.time[inner], duration)
+
+
+def _excursions(x: Array, at: Points) -> NDArray[np.bool_]:
+    """Between which of the points `at` (k,) states (n, N) leave the range of their values at both."""
+    if not len(x):
+        return np.zeros(len(at) - 1, bool)
+    first, last = x[:, at[:-1]], x[:, at[1:]]
+    high, low = np.maximum.reduceat(x, at[:-1], axis=1), np.minimum.reduceat(x, at[:-1], axis=1)
+    beyond = np.maximum(high - np.maximum(first, last), np.minimum(first, last) - low)
+    return np.asarray((beyond > VALIDITY.excursion * np.ptp(x, axis=1, keepdims=True)).any(axis=0))
+
+
+def _values_of(s: RunSection, unknowns: Sequence[int], at: Points) -> Array:
+    """Some of the unknowns (k, n) at points of a run."""
+    arguments = list(s.assembly.arguments)
+    made = s.assembly.once(("some", *unknowns), lambda: ca.Function("some", arguments, [
+        ca.densify(s.assembly.values(*arguments)[list(unknowns)])]))
+    return evaluated(s.assembly, made, s.columns(at))
+
+
+def _of_stretch(s: RunSection, duration: float, balanced: bool, ranged: bool) -> Iterator[Finding]:
+    """What is wrong in one part of a run; the power balance, whose laws are those of all parts, where it is wanted; with
+    `ranged` variables with a declared range are looked at more closely."""
     flat, reduced, n = s.assembly.flat, s.assembly.reduced, len(s.time)
     states = {j: k for k, (j, order) in enumerate(reduced.states) if order == 0}
     yield from _outside([flat.unknowns[j] for j in states], s.x[list(states.values())], s.time, duration)
@@ -112,7 +164,7 @@ def _of_stretch(s: RunSection, duration: float, balanced: bool) -> Iterator[Find
     columns = s.columns(chosen)
     values = evaluated(s.assembly, s.assembly.values, columns)
     wrong = {f.name for f in _outside(flat.unknowns, values, s.time[chosen], duration)}
-    looked_at = [j for j, u in enumerate(flat.unknowns) if u.name in wrong or (j not in states and _ranged(u))]
+    looked_at = [j for j, u in enumerate(flat.unknowns) if u.name in wrong or (ranged and j not in states and _ranged(u))]
     if looked_at:
         yield from _closely(s, looked_at, _spread(n, n if wrong else VALIDITY.watched), duration)
     if not balanced or not np.isfinite(values).all():
@@ -127,10 +179,8 @@ def _of_stretch(s: RunSection, duration: float, balanced: bool) -> Iterator[Find
 
 def _closely(s: RunSection, looked_at: Sequence[int], at: Points, duration: float) -> Iterator[Finding]:
     """What is wrong with some of the unknowns at more points of a run."""
-    flat, arguments = s.assembly.flat, list(s.assembly.arguments)
-    made = s.assembly.once(("some", *looked_at), lambda: ca.Function("some", arguments, [
-        ca.densify(s.assembly.values(*arguments)[list(looked_at)])]))
-    values = evaluated(s.assembly, made, s.columns(at))
+    flat = s.assembly.flat
+    values = _values_of(s, looked_at, at)
     for found in _outside([flat.unknowns[j] for j in looked_at], values, s.time[at], duration):
         if found.kind == "not-finite":
             k = int(np.argmin(np.abs(s.time - found.time)))
@@ -252,9 +302,14 @@ def typical_size(unknown: Unknown, duration: float) -> float:
 
 def _passed(kind: str, u: Unknown, values: Array, time: Array, over: NDArray[np.bool_], limit: float, advice: str
             ) -> Finding:
+    """A limit that is passed, first at the time at which the straight line between two points meets it."""
     worst = float(values[int(np.argmax(np.abs(values - limit) * over))])
-    return _finding(kind, u, float(time[int(np.argmax(over))]), worst, limit if kind == "range" else
-                    float(np.copysign(limit, worst)), advice)
+    edge, k = limit if kind == "range" else float(np.copysign(limit, worst)), int(np.argmax(over))
+    first = float(time[k])
+    if k > 0 and values[k] != values[k - 1]:
+        share = float(np.clip((edge - values[k - 1]) / (values[k] - values[k - 1]), 0, 1))
+        first = float(time[k - 1]) + share * (first - float(time[k - 1]))
+    return _finding(kind, u, first, worst, edge, advice)
 
 
 def _finding(kind: str, u: Unknown, time: float, value: float, limit: float | None, advice: str) -> Finding:

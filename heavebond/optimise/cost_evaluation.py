@@ -79,7 +79,7 @@ class Evaluator:
 
     @property
     def sampled(self) -> bool:
-        """Whether something is taken from the samples of a run: these must be dense then."""
+        """Whether something is taken from the points of a run: these must be dense then (see `Result.dense`)."""
         return any(f.kind in SAMPLED for f in self.functionals)
 
     @property
@@ -127,12 +127,13 @@ class Evaluator:
                     slopes[:, k] = result.along.p @ by_p
         taken = [k for k, f in enumerate(self.functionals) if f.kind in ("final", *SAMPLED)]
         if taken:
-            inside = result.time >= (self.begin if self.sampled else result.time[-1])
-            signals, ways = _signal_sensitivities(self._finals, result, inside)
+            run = result.dense if self.sampled else result
+            inside = run.time >= (self.begin if self.sampled else run.time[-1])
+            signals, ways = _signal_sensitivities(self._finals, run, inside)
             for k in taken:
                 kind = self.functionals[k].kind
                 values[k], slopes[:, k] = (signals[k, -1], ways[:, k, -1]) if kind == "final" else \
-                    sampled_value(kind, result.time[inside], signals[k], ways[:, k], self.functionals[k].exponent)
+                    sampled_value(kind, run.time[inside], signals[k], ways[:, k], self.functionals[k].exponent)
         return values, slopes
 
     def curvature(self, result: Result, references: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Functionals of the samples of a run: extremes, standard deviation, load cycles, duration and frequency of a condition.
+"""Functionals of the points of a run: extremes, standard deviation, load cycles, duration and frequency of a condition.
 
 Most are not differentiable everywhere in the parameters: they can be measured and fitted, but not tuned."""
 
@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from heavebond.numerics.dae import Array
+from heavebond.numerics.extremes import highest, lowest, mean
 from heavebond.records.spectra import rainflow_ranges
 
 EXTREMES = ("highest", "lowest", "largest")
@@ -16,28 +17,30 @@ SAMPLED = (*EXTREMES, *CONDITIONS, CYCLES, DEVIATION)
 
 
 def sampled_value(kind: str, time: Array, signal: Array, moved: Array, exponent: float = 1.0) -> tuple[float, Array]:
-    """The number of a signal (n,) at times (n,) and its slopes (m,), where the signal moves by `moved` (m, n).
+    """The number of a signal (n,) at times (n,) and its slopes (m,), where the signal moves by `moved` (m, n). A time may
+    occur twice, with the values before and after an event.
 
     highest(e), lowest(e): the extremes; largest(e): that of |e|; of a condition (1 where it holds, 0 elsewhere) share(c):
     the part of the time in which it holds; times(c): how often it becomes true. What counts has no slope.
-    deviation(e): the standard deviation of the samples.
+    deviation(e): the standard deviation over time.
     equivalent_range(e, m), with the ranges r and counts n of the rainflow cycles of a signal that lasts T, is
     (sum n r**m/(T 1 Hz))**(1/m): the range that does the same damage once a second where damage grows as r**m.
     """
     still = np.zeros(len(moved))
     if kind == DEVIATION:
-        around = signal - signal.mean()
-        size = float(np.sqrt(np.mean(around**2)))
-        return size, np.asarray(moved @ around / (size * len(signal)) if size else still)
+        around = signal - mean(time, signal)
+        size = max(mean(time, around**2), 0.0)**0.5
+        return size, np.array([mean(time, around * way) / size for way in moved]) if size else still
     if kind == CYCLES:
         return _equivalent_range(time, signal, moved, exponent)
     if kind == "times":
         return float(np.count_nonzero(np.diff(signal > 0.5) & (signal[1:] > 0.5))), still
     if kind == "share":
         return float(np.trapezoid(signal, time) / (time[-1] - time[0])), still
-    at = int({"highest": np.argmax, "lowest": np.argmin}.get(kind, lambda s: np.argmax(np.abs(s)))(signal))
-    sign = np.sign(signal[at]) if kind == "largest" else 1.0
-    return float(sign * signal[at]), np.asarray(sign * moved[:, at])
+    sought = {"highest": [(1.0, highest)], "lowest": [(1.0, lowest)], "largest": [(1.0, highest), (-1.0, lowest)]}[kind]
+    value, sign, extreme = max(((sign * extreme.of(signal), sign, extreme) for sign, extreme in
+                                ((sign, of(time, signal)) for sign, of in sought)), key=lambda found: found[0])
+    return value, sign * extreme.along(moved)
 
 
 def _equivalent_range(time: Array, signal: Array, moved: Array, exponent: float) -> tuple[float, Array]:

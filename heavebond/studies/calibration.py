@@ -275,11 +275,11 @@ def _differentiated(study: Study, assembly: Assembly, gains: Mapping[str, float]
     times = run_times(study, assembly)
     evaluator = Evaluator(assembly, [read_cost(assembly, study.measures[name].text) for name in measured], study.begin,
                           float(times[-1]), named=(*own, *gains), modes=study.modes or {})
-    plain = Simulator(assembly, times=times, tolerances=TOLERANCES)
+    plain = Simulator(assembly, times=times, tolerances=TOLERANCES, dense=True)
     if evaluator.integrated:
         evaluator.resized(evaluator.largest(plain.run()))
     run = Simulator(assembly, times=times, tolerances=TOLERANCES, quadratures=evaluator.quadratures,
-                    factors=evaluator.factors, sensitivities=[*own, *gains], like=plain).run()
+                    factors=evaluator.factors, sensitivities=[*own, *gains], like=plain, dense=True).run()
     assert run.along is not None
     numbers, slopes = evaluator.functional_values(run)
     found = evaluator.cost_values(numbers, slopes, np.zeros(len(numbers)), run.p, run.along.p)

@@ -160,12 +160,12 @@ def measured(study: Study, assembly: Assembly, by: Sequence[str] = ()
         return dict(zip(study.measures, _of_modes(assembly, costs, modes), strict=True)), None, {}
     times = run_times(study, assembly)
     evaluator = Evaluator(assembly, costs, study.begin, float(times[-1]), named=tuple(by), modes=modes)
-    simulator = Simulator(assembly, times=times)
+    simulator = Simulator(assembly, times=times, dense=True)
     run = simulator.run()
     if evaluator.integrated:
         # the sizes of signals first: a 32nd power of plain newtons would drown everything
         evaluator.resized(evaluator.largest(run))
-        simulator = Simulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors)
+        simulator = Simulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors, dense=True)
         run = simulator.run()
     references = np.zeros(len(evaluator.functionals))
     if any(any(cost.references) for cost in costs):
@@ -173,7 +173,7 @@ def measured(study: Study, assembly: Assembly, by: Sequence[str] = ()
         references = evaluator.functional_values(passive)[0]
     if by:
         run = Simulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors,
-                        sensitivities=by).run()
+                        sensitivities=by, dense=True).run()
     numbers, ways = evaluator.functional_values(run)
     found = evaluator.cost_values(numbers, ways, references, run.p,
                                   run.along.p if run.along is not None else np.zeros((0, len(run.p))))

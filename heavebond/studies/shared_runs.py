@@ -183,8 +183,8 @@ class _Runs:
                               study.begin, float(times[-1]), modes=study.modes or {})
         if not study.signals and all(f.kind in NUMBERS for f in evaluator.functionals):
             return None
-        simulator = CaseSimulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors) \
-            if evaluator.integrated else CaseSimulator(assembly, times=times)
+        simulator = CaseSimulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors,
+                                  dense=True) if evaluator.integrated else CaseSimulator(assembly, times=times, dense=True)
         return cls(study, evaluator, simulator) if simulator.compiled else None
 
     def measured(self, values: Mapping[str, float]) -> tuple[dict[str, float], Result]:

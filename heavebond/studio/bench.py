@@ -277,9 +277,7 @@ def _units(units: dict[str, str]) -> Entry:
 
 def _figures(result: Result, names: Sequence[str]) -> dict[str, Entry]:
     """min, max, rms and last value, as `heavebond run` lists them."""
-    values = result.signals(names)
-    return {name: {"min": float(v.min()), "max": float(v.max()), "rms": float(np.sqrt(np.mean(v ** 2))),
-                   "final": float(v[-1]), "unit": result.unit(name)} for name, v in values.items()}
+    return {name: {**figures.as_dict(), "unit": result.unit(name)} for name, figures in result.figures(names).items()}
 
 
 def fault(error: Exception) -> Problem:
