@@ -13,6 +13,7 @@ from scipy.integrate import quad
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.numerics.dae import assemble
+from heavebond.numerics.machine_code import compiler
 from heavebond.studies.run_case import measured
 from heavebond.studies.study import load_study
 
@@ -97,8 +98,9 @@ def test_a_pulse_between_two_output_points_is_in_the_table(tmp_path: Path) -> No
     assert x["rms"] == pytest.approx((square/3600)**0.5, rel=1e-3)
 
 
-@pytest.mark.parametrize("every", ["1.95 ms", "65 ms", "0.27 ms", "1.95 s"])
-@pytest.mark.parametrize("solver", ["auto", "idas", "rosenbrock"])
+@pytest.mark.parametrize(("solver", "every"), [
+    *(("auto", every) for every in ("1.95 ms", "65 ms", "0.27 ms", "1.95 s")), ("idas", "65 ms"), ("idas", "1.95 s"),
+    pytest.param("rosenbrock", "65 ms", marks=pytest.mark.skipif(compiler() is None, reason="needs a C compiler"))])
 def test_figures_of_an_oscillator_do_not_depend_on_its_output_points(tmp_path: Path, every: str, solver: str) -> None:
     """Closed forms to 1e-6: errors of the runs are some 1e-7, those of the cubics 1e-8."""
     figures = table(OSCILLATOR, tmp_path, "--every", every, "--solver", solver)

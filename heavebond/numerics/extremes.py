@@ -75,9 +75,9 @@ def mean(time: Array, values: Array) -> float:
     for piece in pieces(time):
         t, f = time[piece], values[piece]
         h = np.diff(t)
-        total += float(h @ (f[:-1] + f[1:])) / 2
+        total += float(np.sum(h * (f[:-1] + f[1:]))) / 2
         if len(t) > 2:
-            total -= float(h**2 @ np.diff(np.gradient(f, t, edge_order=2))) / 12
+            total -= float(np.sum(h**2 * np.diff(np.gradient(f, t, edge_order=2)))) / 12
     return total / length
 
 

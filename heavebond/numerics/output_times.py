@@ -32,7 +32,7 @@ class DensePointConstants:
     shares: the points in it, as shares. Origin: transients of any length down to rounding. Doubled: some us.
     """
 
-    intervals: int = 16_000
+    intervals: int = 8_000
     numbers: int = 4_000_000
     first: float = 0.01
     moved: float = 1e-3

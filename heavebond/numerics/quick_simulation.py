@@ -300,7 +300,7 @@ class CaseSimulator(Unexplained):
         found = self.driver.run(x0, first.z / self.assembly.z_nominal, p, np.zeros((len(p), 0)))
         trace = self._trace(found.x[:n] * self.assembly.x_nominal[:, None], found.z * self.assembly.z_nominal[:, None],
                             found.x[n:], dict(self.driver.stats()))
-        return replace(trace, between=(lambda: (self.stops, trace)) if self.dense else None)
+        return replace(trace, between=(lambda: (self.stops, trace, None)) if self.dense else None)
 
 
 class FitSimulator(Unexplained):

@@ -49,6 +49,7 @@ class ForwardSensitivities:
 
 
 Stayed = tuple[NDArray[np.intp], "Result"]
+Settle = Callable[[NDArray[np.intp]], Array]  # the algebraic unknowns (n_z, k) at points of a run by their numbers
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Result:
     `quadratures` (n_q, N) are the integrals that the caller asked for, `p` (n_p,) the parameters at the start, `held`
     (n_h, N) the held variables, and `instants` the events; at an event the values are those after it. `stays` are the
     parts of the run in which other states were integrated: their times (k,) and the run there in those states. `between`
-    makes `dense`.
+    makes `dense`, where its algebraic unknowns are those that the function with it gives.
     """
 
     assembly: Assembly
@@ -78,19 +79,26 @@ class Result:
     held: Array = field(default_factory=lambda: np.zeros((0, 0)))
     instants: tuple[Instant, ...] = ()
     stays: tuple[Stayed, ...] = ()
-    between: Callable[[], Result] | None = field(default=None, repr=False, compare=False)
+    between: Callable[[], tuple[Result, Settle | None]] | None = field(default=None, repr=False, compare=False)
 
     @cached_property
     def verdict(self) -> Verdict:
         """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
-        dense = [] if self.dense is self else list(_stretches(self.dense))
+        dense = [] if self._points is None else list(_stretches(*self._points))
         return judged(list(_stretches(self)), [*self._true_at_start(), *self._placeholders()], dense)
+
+    @cached_property
+    def _points(self) -> tuple[Result, Settle | None] | None:
+        return None if self.between is None else self.between()
 
     @cached_property
     def dense(self) -> Result:
         """The run at its output points, at points between them about as dense as the steps of the integrator, and on both
         sides of events, whose time occurs twice. The run itself where it was made without such points."""
-        return self if self.between is None else self.between()
+        if self._points is None:
+            return self
+        points, settle = self._points
+        return points if settle is None else replace(points, z=settle(np.arange(len(points.time))))
 
     def figures(self, names: Iterable[str]) -> dict[str, SignalFigures]:
         """Extremes, mean, root mean square and last value of signals, each in `result.unit(name)`. They are taken from
@@ -241,6 +249,9 @@ class Result:
         write_run(self.saved(names), path)
 
 
+AT_ONCE = 6000  # points of one call of a function, at most
+
+
 class Probe:
     """Signals of an assembly as compiled functions, for one run or for many (fitting, sweeps). With `si` all are formulas
     in SI: an output of the diagram that is called as a variable does not take its place with a unit of its own."""
@@ -318,8 +329,12 @@ class _Course:
 
     def _evaluated(self, given: Array) -> Array:
         """The function at columns (k, N), through buffers: as matrices of CasADi they would take longer to hand over than
-        to evaluate."""
+        to evaluate. A map over very many points takes longer to make than to evaluate: these are evaluated in parts."""
         n = given.shape[1]
+        if n > AT_ONCE:
+            parts = [self._evaluated(given[:, k:k + AT_ONCE]) for k in range(0, n - n % AT_ONCE, AT_ONCE)]
+            rest = self._evaluated(given[:, -AT_ONCE:])[:, AT_ONCE - n % AT_ONCE:] if n % AT_ONCE else np.zeros((0, 0))
+            return np.column_stack([*parts, rest] if rest.size else parts)
         if self._many is None or self._many[0] != n:
             self._many = (n, Buffered(self._function.map(n)))
         found, = self._many[1](given).values()
@@ -336,8 +351,9 @@ def columns(result: Result, at: NDArray[np.intp] | None = None) -> tuple[Array, 
     return (result.time[None, :], result.x, result.z, with_held(result, result.p, result.held), result.u, np.ones((1, n)))
 
 
-def _stretches(result: Result) -> Iterator[RunSection]:
-    """The run part by part, each in the states that were integrated there."""
+def _stretches(result: Result, settle: Settle | None = None) -> Iterator[RunSection]:
+    """The run part by part, each in the states that were integrated there; `settle` gives the algebraic unknowns of a run of
+    one part."""
     own = np.arange(len(result.time))
     if result.stays:
         own = np.setdiff1d(own, np.concatenate([at for at, _ in result.stays]))
@@ -345,11 +361,12 @@ def _stretches(result: Result) -> Iterator[RunSection]:
         if len(at):
             whole = len(at) == len(part.time)
             yield RunSection(part.assembly, part.time if whole else part.time[at], part.x if whole else part.x[:, at],
-                             partial(_columns_of, part, at))
+                             partial(_columns_of, part, settle, at))
 
 
-def _columns_of(part: Result, own: NDArray[np.intp], at: NDArray[np.intp]) -> tuple[Array, ...]:
-    return columns(part, own[at])
+def _columns_of(part: Result, settle: Settle | None, own: NDArray[np.intp], at: NDArray[np.intp]) -> tuple[Array, ...]:
+    found = columns(part, own[at])
+    return found if settle is None else (*found[:2], settle(own[at]), *found[3:])
 
 
 def with_held(result: Result, p: Array, held: Array) -> Array:

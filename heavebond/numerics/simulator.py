@@ -30,10 +30,10 @@ from heavebond.numerics.inputs import Pieced, pieced
 from heavebond.numerics.jumps import EventEquations
 from heavebond.numerics.looks import Looks
 from heavebond.numerics.output_times import DENSE_POINTS, Time, grid, refined
-from heavebond.numerics.result import ForwardSensitivities, Result, Stayed
+from heavebond.numerics.result import ForwardSensitivities, Result, Settle, Stayed
 from heavebond.numerics.solvers import DEFAULT, RETYPE, Choice, Explicit, Integrator, algebraic_left, chosen, integrator
 from heavebond.numerics.start_equations import Point, StartEquations
-from heavebond.numerics.trace import Frame, Trace
+from heavebond.numerics.trace import Frame, Points, Trace
 
 ASIDE = 1e-3  # of each state's nominal size: how far from the start its stiffness is felt
 COUNTED = ("nsteps", "nfevals", "netfails", "equations")  # of an integration, in the statistics of a run
@@ -261,11 +261,11 @@ class Simulator:
         if found.between is None:
             return result
 
-        def dense() -> Result:
+        def dense() -> tuple[Result, Settle | None]:
             assert found.between is not None
             with self._turn:
-                times, trace = found.between()
-            return taken(trace, times, np.arange(len(times)))
+                times, trace, settle = found.between()
+            return taken(trace, times, np.arange(len(times))), settle
 
         return replace(result, between=dense)
 
@@ -406,9 +406,17 @@ class Simulator:
         def traced(x: Array, z: Array, statistics: dict[str, object]) -> Trace:
             return self._trace(x[:n_x] * x_size[:, None], z * z_size[:, None], x[n_all - self.integrals:], statistics)
 
-        def between() -> tuple[Array, Trace]:
+        def between() -> Points:
             times, states, unknowns = self._with_first_interval(first, x, raw, p)
-            return times, traced(states, self._settled(states, unknowns, p, times), {})
+
+            def settle(at: NDArray[np.intp]) -> Array:
+                with self._turn:
+                    values = self._settled(states[:, at], unknowns[:, at], p, times[at])
+                return np.asarray((values * z_size[:, None])[:len(first.z)])
+
+            # with sensitivities the algebraic unknowns have theirs behind them
+            settled_now = unknowns if moved is None or self.loops is None else self._settled(states, unknowns, p, times)
+            return times, traced(states, settled_now, {}), settle if self.loops is not None and moved is None else None
 
         statistics = {k: v for k, v in self.integrator.stats().items() if k in COUNTED}
         return replace(traced(x, z, statistics), between=between if self.dense else None)

@@ -65,7 +65,8 @@ class AlternativeStates:
 class Trace:
     """A run at its stops: x, z, integrals with all blocks of sensitivities, the held variables (n_h, N) and their
     sensitivities (m, n_h, N), the events, and the stops at which other states were integrated. `between` gives times and the
-    run at these: at the stops, at points between them, and on both sides of events."""
+    run at these (at the stops, at points between them, and on both sides of events), and a function that gives the algebraic
+    unknowns at points by their numbers, where those of the run have yet to be solved for."""
 
     x: Array
     z: Array
@@ -75,7 +76,10 @@ class Trace:
     instants: tuple[Instant, ...]
     statistics: dict[str, object]
     stays: tuple[AlternativeStates, ...] = ()
-    between: Callable[[], tuple[Array, Trace]] | None = None
+    between: Callable[[], Points] | None = None
+
+
+Points = tuple[Array, Trace, Callable[[NDArray[np.intp]], Array] | None]
 
 
 @dataclass(frozen=True)
@@ -201,7 +205,7 @@ class Record:
         self.z.append(np.zeros((len(frame.assembly.z_nominal) * blocks, len(self.stops))))
         return len(self.frames) - 1
 
-    def between(self, integrals: int, inputs: Callable[[Array], Array]) -> tuple[Array, Trace]:
+    def between(self, integrals: int, inputs: Callable[[Array], Array]) -> Points:
         """The times of all points that were kept, and the run at these."""
         assert self.points is not None
         times = np.concatenate([at for _, at, _, _ in self.points])
@@ -213,7 +217,7 @@ class Record:
             whole.frame[chosen], whole.y[:, chosen], whole.z[number][:, chosen] = number, y, z
             whole.p[:, chosen], whole.dp[:, :, chosen] = now.p[:, None], now.dp[:, :, None]
         whole.instants, whole.steps = self.instants, self.steps
-        return times, whole.trace(integrals, inputs(times))
+        return times, whole.trace(integrals, inputs(times)), None
 
     def trace(self, integrals: int, u: Array) -> Trace:
         """The run as recorded; the last `integrals` rows of y are integrals, u (n_u, N) the inputs. For every other choice

@@ -128,22 +128,27 @@ def _between(s: RunSection, duration: float) -> Iterator[Finding]:
         return
     bounds = np.array([_bounds(u, duration) for u in unknowns])
     margin = np.minimum(values - bounds[:, :1], bounds[:, 1:] - values)
-    moved = np.abs(np.diff(values, axis=1))
-    moved = np.maximum(moved, np.maximum(np.pad(moved, ((0, 0), (1, 0)))[:, :-1], np.pad(moved, ((0, 0), (0, 1)))[:, 1:]))
-    near = ~(np.minimum(margin[:, :-1], margin[:, 1:]) > VALIDITY.near * moved).all(axis=0) | _excursions(s.x, at)
+    near = ~(np.minimum(margin[:, :-1], margin[:, 1:]) > VALIDITY.near * _moves(values)).all(axis=0) | _excursions(s.x, at)
     inner = np.concatenate([at, *(np.arange(at[k] + 1, at[k + 1]) for k in np.flatnonzero(near))])
     inner.sort()
     yield from _outside(unknowns, _values_of(s, looked_at, inner), s.time[inner], duration)
 
 
+def _moves(values: Array) -> Array:
+    """By how much values (k, n) differ between two points at most, in each interval (k, n - 1) and those next to it."""
+    moved = np.pad(np.abs(np.diff(values, axis=1)), ((0, 0), (1, 1)))
+    return np.asarray(np.maximum(moved[:, 1:-1], np.maximum(moved[:, :-2], moved[:, 2:])))
+
+
 def _excursions(x: Array, at: Points) -> NDArray[np.bool_]:
-    """Between which of the points `at` (k,) states (n, N) leave the range of their values at both."""
+    """Between which of the points `at` (k,) states (n, N) go beyond their values at both by more than these tell."""
     if not len(x):
         return np.zeros(len(at) - 1, bool)
     first, last = x[:, at[:-1]], x[:, at[1:]]
     high, low = np.maximum.reduceat(x, at[:-1], axis=1), np.minimum.reduceat(x, at[:-1], axis=1)
     beyond = np.maximum(high - np.maximum(first, last), np.minimum(first, last) - low)
-    return np.asarray((beyond > VALIDITY.excursion * np.ptp(x, axis=1, keepdims=True)).any(axis=0))
+    least = np.maximum(VALIDITY.excursion * np.ptp(x, axis=1, keepdims=True), VALIDITY.near * _moves(x[:, at]))
+    return np.asarray((beyond > least).any(axis=0))
 
 
 def _values_of(s: RunSection, unknowns: Sequence[int], at: Points) -> Array:
