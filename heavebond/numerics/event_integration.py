@@ -172,8 +172,8 @@ class EventIntegration:
     def _passed(self, now: EventState, looks: Looks, reached: int, y: Array, z: Array, record: Record, steps: int) -> None:
         """Write down the points of a call that took so many steps. Where points between the stops are kept and these points
         are far apart, the call is made again with points between."""
-        times = looks.times[:reached]
-        parts = self._parts(looks, float(looks.times[-1] - now.t), steps) if self.dense and reached == len(looks.times) else 1
+        times, whole = looks.times[:reached], reached == len(looks.times)
+        parts = self._parts(looks, float(looks.times[-1] - now.t), steps) if self.dense and whole else 1
         if parts == 1:
             record.write(now, times, y, z)
             return

@@ -1,9 +1,9 @@
 """Whether the values of a run mean something: the checks behind its verdict.
 
-What is looked for, at the output points and those between them (see `Result.dense`): values that are not finite; values of more than a million typical sizes; components
-whose power does not balance; values outside the range that a component or a domain declares, or larger than in any
-machine; states that grow exponentially to the end. The first three mean that the numbers are worthless, the others are told:
-a diagram in the making may go there, and a short while may not matter.
+What is looked for, at the output points and those between them (see `Result.dense`): values that are not finite; values of
+more than a million typical sizes; components whose power does not balance; values outside the range that a component or a
+domain declares, or larger than in any machine; states that grow exponentially to the end. The first three mean that the
+numbers are worthless, the others are told: a diagram in the making may go there, and a short while may not matter.
 """
 
 from __future__ import annotations
@@ -93,8 +93,8 @@ class RunSection:
 
 
 def judged(stretches: Sequence[RunSection], also: Sequence[Finding] = (), dense: Sequence[RunSection] = ()) -> Verdict:
-    """The verdict on a run of one stretch or several; `also` was found during the run, `dense` is the run with points between
-    its output points, where there are any."""
+    """The verdict on a run of one stretch or several; `also` was found during the run, `dense` is the run with points
+    between its output points, where there are any."""
     duration = max((float(s.time[-1]) for s in stretches), default=0.0) - min((float(s.time[0]) for s in stretches),
                                                                               default=0.0)
     with np.errstate(over="ignore", invalid="ignore"):  # what has run away may overflow

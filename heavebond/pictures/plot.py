@@ -69,6 +69,7 @@ def plot_signals(result: Result, names: Iterable[str], *, title: str = "") -> Fi
     if not chosen:
         raise UsageError([Problem("nothing-to-plot", "no signal is named that could be drawn", None,
                                   "Name one with --plot, or outputs under `show:` in the diagram.")])
+    result = result.dense  # a curve shows the extremes of the table
     values = result.signals(chosen)
     groups: dict[str, list[str]] = {}
     for name in chosen:

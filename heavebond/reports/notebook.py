@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from heavebond.estimation.comparison import Comparison
     from heavebond.estimation.fitting import Fit
     from heavebond.language.model import Model
-    from heavebond.numerics.dae import Array
+    from heavebond.numerics.extremes import SignalFigures
     from heavebond.numerics.result import Result
 
 MOST_POINTS = 20_000  # of a figure as SVG: about 0.3 MB
@@ -66,12 +66,13 @@ def result_html(result: Result) -> Html:
 
     shown = list(result.assembly.model.show) or list(result.assembly.state_names)
     names = shown[:MOST_ROWS]
-    values = result.signals(names)
+    values, figures = result.signals(names), result.figures(names)
     head = ("output" if result.assembly.model.show else "state", "unit", "start", "minimum", "maximum", "end")
-    made = table(head, [_course(name, result.unit(name), values[name]) for name in names], numbers=range(2, 6))
+    rows = [_course(name, result.unit(name), float(values[name][0]), figures[name]) for name in names]
+    made = table(head, rows, numbers=range(2, 6))
     span = f"{number(float(result.time[0]))} to {number(float(result.time[-1]))} s, {count(len(result.time), 'point')}"
     few = names and len({result.unit(name) for name in names}) <= MOST_AXES
-    picture = [_figure(plot_signals(result, names), len(names) * len(result.time), "signals over time")] if few else []
+    picture = [_figure(plot_signals(result, names), len(names) * len(result.dense.time), "signals over time")] if few else []
     return element("div", _heading(result.assembly.model.name, span), element("p", f"Verdict: {result.verdict}"), made,
                    *_more(shown), *picture)
 
@@ -119,9 +120,9 @@ def _value_text(value: Value) -> str:
     return f"{value.text} {dimension_text(unit.dimension)}" if unit else f"{value.text} (SI)"
 
 
-def _course(name: str, unit: str, values: Array) -> tuple[str, ...]:
+def _course(name: str, unit: str, start: float, figures: SignalFigures) -> tuple[str, ...]:
     """An output in the unit that suits its largest value."""
-    finite = [float(v) for v in (values[0], values.min(), values.max(), values[-1])]
+    finite = [start, figures.least, figures.most, figures.final]
     largest = max(map(abs, finite))
     shown = readable_unit(unit, largest)
     given, target = read_unit(unit), read_unit(shown)

@@ -165,7 +165,8 @@ def measured(study: Study, assembly: Assembly, by: Sequence[str] = ()
     if evaluator.integrated:
         # the sizes of signals first: a 32nd power of plain newtons would drown everything
         evaluator.resized(evaluator.largest(run))
-        simulator = Simulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors, dense=True)
+        simulator = Simulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors,
+                              dense=True)
         run = simulator.run()
     references = np.zeros(len(evaluator.functionals))
     if any(any(cost.references) for cost in costs):
