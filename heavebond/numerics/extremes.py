@@ -130,8 +130,8 @@ def _candidates(values: Array, most: float) -> list[int]:
     left, right = np.append(values[:1], values[:-1]), np.append(values[1:], values[-1:])
     drop = values - np.minimum(left, right)
     found = np.flatnonzero((values >= left) & (values >= right) & (values + drop > most) & (drop > 0))
-    # the last and the first point of a piece are highest in it without being a local maximum of the whole
-    return found[np.argsort(-values[found], kind="stable")][:EXTREMES.candidates].tolist()
+    order = np.argsort(-values[found], kind="stable")[:EXTREMES.candidates]
+    return [int(k) for k in found[order]]
 
 
 def _refined(time: Array, values: Array, k: int, begin: int, end: int) -> Extreme | None:
