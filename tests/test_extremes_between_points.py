@@ -89,6 +89,12 @@ def response(t: float) -> float:
     return float(step(t) - step(t - 1))
 
 
+def test_a_drawn_curve_shows_the_extreme_of_the_table() -> None:
+    found = hb.simulate(hb.loads(PULSE))
+    line, = found.plot("x").axes[0].lines
+    assert float(np.max(line.get_ydata())) == pytest.approx(found.figures(["x"])["x"].most, rel=1e-3)
+
+
 def test_a_pulse_between_two_output_points_is_in_the_table(tmp_path: Path) -> None:
     """The extreme is read from a cubic between points about a step apart: 1e-4 of it; the mean square is an integral of
     the same cubics."""

@@ -46,6 +46,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#0
 DASHES = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))
 RECORD, MODEL, BAND = "#8c8c8c", COLOURS[1], "#bcd9ea"
 WIDE = 30  # from such a ratio of the largest to the least on, errors are drawn on a logarithmic axis
+MISSED = 0.005  # share of its range by which the extremes of a curve may be missed: half of a line in a usual figure
 STILL = 1e-9  # a span below this is rounding, not motion
 BAND_WIDTH = 2  # the band holds 95 % of white noise
 
@@ -59,6 +60,13 @@ class NotebookFigure(Figure):
         return file.getvalue()
 
 
+def drawn_run(result: Result, names: Sequence[str]) -> Result:
+    """The run, or where its output points miss an extreme of a signal visibly its dense run."""
+    values, dense = result.signals(names), result.dense.signals(names)
+    missed = any(np.ptp(dense[name]) > (1 + MISSED) * np.ptp(values[name]) for name in names)
+    return result.dense if missed else result
+
+
 def plot_signals(result: Result, names: Iterable[str], *, title: str = "") -> Figure:
     """Signals of a run over time: one axes per unit, the time axes linked.
 
@@ -69,7 +77,7 @@ def plot_signals(result: Result, names: Iterable[str], *, title: str = "") -> Fi
     if not chosen:
         raise UsageError([Problem("nothing-to-plot", "no signal is named that could be drawn", None,
                                   "Name one with --plot, or outputs under `show:` in the diagram.")])
-    result = result.dense  # a curve shows the extremes of the table
+    result = drawn_run(result, chosen)
     values = result.signals(chosen)
     groups: dict[str, list[str]] = {}
     for name in chosen:

@@ -62,7 +62,7 @@ def model_html(model: Model) -> Html | None:
 
 def result_html(result: Result) -> Html:
     """A run: its verdict, each output with its first, smallest, largest and last value, and the plot of the outputs."""
-    from heavebond.pictures.plot import plot_signals
+    from heavebond.pictures.plot import drawn_run, plot_signals
 
     shown = list(result.assembly.model.show) or list(result.assembly.state_names)
     names = shown[:MOST_ROWS]
@@ -72,7 +72,8 @@ def result_html(result: Result) -> Html:
     made = table(head, rows, numbers=range(2, 6))
     span = f"{number(float(result.time[0]))} to {number(float(result.time[-1]))} s, {count(len(result.time), 'point')}"
     few = names and len({result.unit(name) for name in names}) <= MOST_AXES
-    picture = [_figure(plot_signals(result, names), len(names) * len(result.dense.time), "signals over time")] if few else []
+    points = len(names) * len(drawn_run(result, names).time) if few else 0
+    picture = [_figure(plot_signals(result, names), points, "signals over time")] if few else []
     return element("div", _heading(result.assembly.model.name, span), element("p", f"Verdict: {result.verdict}"), made,
                    *_more(shown), *picture)
 
