@@ -82,7 +82,10 @@ class Simulator:
         self._keep = np.searchsorted(self.stops, self.time)
         self.switching = self._switching(charts) if assembly.flat.events or charts.needed else None
 
-    _may_be_dense = True  # whether points may be added between the stops
+    @property
+    def _may_be_dense(self) -> bool:
+        """Whether points may be added between the stops."""
+        return True
 
     def prepare(self) -> None:
         """Build the integrator."""
@@ -442,8 +445,8 @@ class Simulator:
         inner = [np.asarray(found[name]).reshape(len(of), len(times) - 1)[:, :-1] for name, of in (("xf", x), ("zf", z))]
         if not np.all(np.isfinite(inner[0])):
             return stops, x, z
-        return (np.concatenate([stops[:1], times[1:-1], stops[1:]]),
-                *(np.column_stack([of[:, :1], more, of[:, 1:]]) for of, more in zip((x, z), inner, strict=True)))
+        states, unknowns = (np.column_stack([of[:, :1], more, of[:, 1:]]) for of, more in zip((x, z), inner, strict=True))
+        return np.concatenate([stops[:1], times[1:-1], stops[1:]]), states, unknowns
 
     def _scaled_start(self, first: Start, moved: Tangent | None = None) -> tuple[Array, Array, Array]:
         """x0, z0 and p of the integrator."""
