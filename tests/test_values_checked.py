@@ -1,0 +1,108 @@
+"""A value outside its declared range is refused wherever it enters a model: runs, linear analysis, audits, tuning, fits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import heavebond as hb
+
+OSCILLATOR = """model: oscillator
+components:
+  wall:   {is: Fixed}
+  spring: {is: Spring, c: 100 N/m}
+  damper: {is: Damper, d: 2 N*s/m}
+  body:   {is: Mass, m: 1 kg}
+nodes: {wall: [wall.a, spring.a, damper.a], body: [spring.b, damper.b, body.a]}
+initial: {body.x: 0.1 m, body.v: 0 m/s}
+show: {x: {is: body.x, unit: m}}
+simulate: {until: 1 s}
+"""
+LOOP = """model: loop
+components:
+  set:   {is: Constant, k: 1 V}
+  pid:   {is: PID, K_p: 2, K_i: 1 1/s, y_min: -1 V, y_max: 1 V}
+  plant: {is: FirstOrderLag, T_1: 1 s}
+nodes: {set: [set.y, pid.r], command: [pid.y, plant.u], value: [plant.y, pid.u]}
+initial: {value: 0 V}
+simulate: {until: 1 s}
+"""
+FORMULA = OSCILLATOR.replace("components:", "parameters: {k: 100 N/m}\ncomponents:").replace("c: 100 N/m", "c: =k - 50 N/m")
+
+
+def tuned(model: hb.Model, free: dict[str, str]) -> object:
+    from heavebond.core.quantities import ranges
+
+    return hb.tune(model, hb.TuningProblem(ranges(free), "rms(body.x)"), explore=0)
+
+
+ENTRIES: dict[str, Callable[[hb.Model, dict[str, float]], object]] = {
+    "simulate": lambda m, v: hb.simulate(m, parameters=v),
+    "Simulator": lambda m, v: hb.Simulator(hb.assemble(m)).run(v),
+    "Assembly": lambda m, v: hb.assemble(m).with_parameters(v),
+    "audit": lambda m, v: hb.audit(m, parameters=v),
+    "state_space": lambda m, v: hb.state_space(m, ["body.f"], ["body.x"], parameters=v),
+}
+
+
+@pytest.mark.xfail(strict=True, reason="values of parameters are checked at some entry points only")
+@pytest.mark.parametrize("entry", ENTRIES)
+@pytest.mark.parametrize(("name", "value"), [("spring.c", -5.0), ("body.m", -1.0), ("damper.d", np.nan)])
+def test_a_value_below_its_minimum_is_refused_at_every_entry(entry: str, name: str, value: float) -> None:
+    with pytest.raises(hb.HeavebondError) as error:
+        ENTRIES[entry](hb.loads(OSCILLATOR), {name: value})
+    problem = error.value.problems[0]
+    assert problem.code == ("parameter-bound" if np.isfinite(value) else "value-not-finite")
+    assert name in problem.message
+
+
+@pytest.mark.xfail(strict=True, reason="requirements of components are checked in the file only")
+@pytest.mark.parametrize("entry", ["simulate", "Simulator", "Assembly", "audit"])
+def test_limits_in_the_wrong_order_are_refused_at_every_entry(entry: str) -> None:
+    with pytest.raises(hb.HeavebondError, match="requires y_min < y_max"):
+        ENTRIES[entry](hb.loads(LOOP), {"pid.y_min": 2.0})
+
+
+@pytest.mark.xfail(strict=True, reason="a formula is checked at the values of the file only")
+def test_a_parameter_that_follows_from_another_by_a_formula_is_checked_too() -> None:
+    model = hb.loads(FORMULA)
+    assert hb.simulate(model, parameters={"k": 60.0})["body.x"].size
+    with pytest.raises(hb.HeavebondError, match=r"spring\.c"):
+        hb.simulate(model, parameters={"k": 40.0})
+
+
+@pytest.mark.xfail(strict=True, reason="ends of ranges are not checked")
+def test_a_range_that_reaches_beyond_what_is_allowed_is_refused() -> None:
+    with pytest.raises(hb.HeavebondError, match=r"damper\.d"):
+        tuned(hb.loads(OSCILLATOR), {"damper.d": "-1 .. 10 N*s/m"})
+    with pytest.raises(hb.HeavebondError, match=r"spring\.c"):
+        hb.root_locus(hb.loads(OSCILLATOR), "spring.c", "-10 .. 10 N/m")
+
+
+@pytest.mark.xfail(strict=True, reason="ends of free ranges are not checked")
+def test_a_free_range_of_a_fit_that_reaches_beyond_what_is_allowed_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "m.yaml").write_text(OSCILLATOR)
+    t = np.linspace(0, 1, 21)
+    np.savetxt(tmp_path / "r.csv", np.column_stack([t, 0.1 * np.cos(10 * t)]), delimiter=",", header="t,x", comments="")
+    (tmp_path / "e.yaml").write_text(
+        "experiment: e\nmodel: m.yaml\nrecords: {r: {file: r.csv, use: fit}}\ntime: {column: t, unit: s}\n"
+        "outputs: {body.x: {column: x, unit: m, noise: 1 mm}}\nfree: {spring.c: -50 .. 200 N/m}\n")
+    with pytest.raises(hb.HeavebondError, match=r"spring\.c") as error:
+        hb.fit(tmp_path / "e.yaml")
+    place = error.value.problems[0].place
+    assert place is not None and place.line == 6
+
+
+def test_allowed_values_are_used_at_every_entry() -> None:
+    """Stiffness 25 N/m: frequency sqrt(25 - 1) rad/s by the closed form."""
+    model, value = hb.loads(OSCILLATOR), {"spring.c": 25.0}
+    w = np.sqrt(24.0)
+    found = hb.simulate(model, parameters=value)
+    expected = 0.1 * np.exp(-found.time) * (np.cos(w * found.time) + np.sin(w * found.time) / w)
+    # the tolerances of a run are 1e-8 of 1 m at most
+    assert found["body.x"] == pytest.approx(expected, abs=1e-7)
+    poles = hb.state_space(model, ["body.f"], ["body.x"], parameters=value).poles
+    assert sorted(np.abs(poles.imag)) == pytest.approx([w, w], rel=1e-9)
