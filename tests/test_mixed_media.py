@@ -34,7 +34,6 @@ def refused(text: str, folder: Path = Path()) -> str:
     return str(error.value)
 
 
-@pytest.mark.xfail(strict=True, reason="a tank takes water and its orifice oil")
 def test_a_tank_of_water_with_an_orifice_of_oil_is_refused_with_the_list() -> None:
     text = refused(TANK)
     assert "t.rho" in text and "1000 kg/m**3" in text
@@ -42,14 +41,12 @@ def test_a_tank_of_water_with_an_orifice_of_oil_is_refused_with_the_list() -> No
     assert "{is: Water}" in text  # what to type
 
 
-@pytest.mark.xfail(strict=True, reason="media in nested blocks")
 def test_a_circuit_that_continues_in_a_block_is_refused(tmp_path: Path) -> None:
     (tmp_path / "components").mkdir()
     (tmp_path / "components" / "outlet.yaml").write_text(BLOCK)
     assert "o.o.rho" in refused(TANK.replace("is: SharpEdgedOrifice, d: 20 mm", "is: Outlet"), tmp_path)
 
 
-@pytest.mark.xfail(strict=True, reason="media of other properties")
 def test_water_beside_the_compressibility_of_oil_is_refused() -> None:
     """No property is taken twice: the tank has the density of water, the volume the bulk modulus of mineral oil."""
     text = TANK.replace("o: {is: SharpEdgedOrifice, d: 20 mm}", "o: {is: Volume, V: 1 L}").replace(
@@ -58,7 +55,6 @@ def test_water_beside_the_compressibility_of_oil_is_refused() -> None:
     assert "o.beta" in refused(text)
 
 
-@pytest.mark.xfail(strict=True, reason="media of gas")
 def test_parts_of_another_gas_by_default_are_refused(tmp_path: Path) -> None:
     (tmp_path / "components").mkdir()
     source = next(Path(hb.__file__).parent.parent.glob("components/pneumatic/receiver_with_heat.yaml")).read_text()

@@ -3,20 +3,27 @@
 A domain names the component that sets its medium (`medium: Fluid`), a parameter the property that it is (`medium: rho`).
 A circuit is all that wires and parts with several ports of the domain join. A parameter that is not given becomes the
 formula `=oil.rho`, so that it follows the fluid in runs, sensitivities and fits; without a fluid it has its own default,
-or else that of the component that would set it.
+or else that of the component that would set it. Defaults of different media in one circuit are refused.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
-from heavebond.core.errors import ModelError, Problems, either
+import casadi as ca
+
+from heavebond.core.errors import ModelError, Place, Problems, either
 from heavebond.equations.connect import Terminal
 from heavebond.equations.expand import default
 from heavebond.equations.expanded import Bound, Expanded, Leaf, Medium
 from heavebond.language.definition import Component, Domain, Parameter, Value
-from heavebond.text.expression import Name
+from heavebond.language.library import Library
+from heavebond.language.symbols import Context, evaluate
+from heavebond.text.expression import Name, Number, names
+
+SAME_MEDIUM = 1e-3  # relative; c_p of air is given as 1005 J/(kg*K), kappa/(kappa - 1)*R is 1004.7 J/(kg*K)
+LISTED = 8          # values in a message
 
 
 def with_media(expanded: Expanded) -> Expanded:
@@ -42,6 +49,7 @@ def _with_medium(expanded: Expanded, domain: Domain, medium: str) -> Expanded:
     if not open_in:
         return expanded
     kind, leaves, takers = library.component(medium), dict(expanded.leaves), dict[int, list[str]]()
+    defaults: dict[int, list[_Default]] = {}
     for path, parameters in open_in.items():
         leaf = leaves[path]
         circuit = next((circuits[port] for ports in _passages(path, leaf.component, domain) for port in ports
@@ -52,6 +60,11 @@ def _with_medium(expanded: Expanded, domain: Domain, medium: str) -> Expanded:
         told = [p.name for p in parameters if circuit in sources or default(p, path) is None]
         if told:
             takers.setdefault(circuit, []).extend(f"{path}.{name}" for name in told)
+        if circuit not in sources and circuit >= 0:
+            defaults.setdefault(circuit, []).extend(_defaults(path, parameters, kind, leaves[path].place))
+    nodes = {circuit: [n for n in expanded.junctions if circuits.get(Terminal("node", n)) == circuit] for circuit in defaults}
+    for circuit, values in defaults.items():
+        _check_defaults(values, library, kind, nodes[circuit], problems)
     problems.raise_as(ModelError)
     media = tuple(Medium(sources.get(circuit, ""), kind.name,
                          tuple(n for n in expanded.junctions if circuits.get(Terminal("node", n)) == circuit), tuple(names))
@@ -128,6 +141,68 @@ def _sources(expanded: Expanded, kind: str, circuits: dict[Terminal, int], probl
                          leaf.place, hint=f"Remove one {kind}: it counts for all that is joined, through valves and past "
                          "pistons too. A single part may have values of its own.")
     return found
+
+
+@dataclass(frozen=True)
+class _Default:
+    """The default of a property of the medium in one part, in SI, and that of the medium itself."""
+
+    name: str
+    parameter: Parameter
+    value: float
+    usual: float
+    place: Place
+
+    @property
+    def deviates(self) -> bool:
+        """Whether the part has another medium in mind."""
+        return abs(self.value - self.usual) > SAME_MEDIUM * max(abs(self.value), abs(self.usual))
+
+
+def _defaults(path: str, parameters: Iterable[Parameter], kind: Component, place: Place) -> Iterator[_Default]:
+    """The defaults that the open parameters of a part take where nothing sets the medium; those that are formulas are left
+    out, except in the medium itself."""
+    for parameter in parameters:
+        usual = kind.parameters.get(parameter.medium)
+        value = _number(parameter, {}) if parameter.default is not None or parameter.neutral is not None else None
+        standard = _number(usual, kind.parameters) if usual is not None else None
+        if standard is not None and (value is not None or default(parameter, path) is None):
+            yield _Default(f"{path}.{parameter.name}", parameter, standard if value is None else value, standard, place)
+
+
+def _number(parameter: Parameter, others: Mapping[str, Parameter]) -> float | None:
+    """The default of a parameter, which may be a formula of the defaults of `others`; None if it is no number."""
+    if parameter.default is None:
+        return parameter.neutral
+    expr = parameter.default.expr
+    if isinstance(expr, Number):
+        return expr.value
+    known = {name.text: _number(others[name.text], others) if name.text in others else None for name in names(expr)}
+    if any(value is None for value in known.values()):
+        return None
+    return float(evaluate(expr, Context(lambda text, _: ca.SX(known[text]), lambda _: ca.SX(0))))
+
+
+def _check_defaults(defaults: Sequence[_Default], library: Library, kind: Component, nodes: Sequence[str], problems: Problems
+                    ) -> None:
+    """Note a problem for a circuit whose parts take defaults of different media, such as a tank of water and an orifice of
+    mineral oil."""
+    others = [d for d in defaults if d.deviates]
+    alike = [d for d in defaults if not d.deviates and d.usual]
+    by_property: dict[str, list[_Default]] = {}
+    for d in others:
+        by_property.setdefault(d.parameter.medium, []).append(d)
+    split = [d for same in by_property.values() for d in same
+             if max(e.value for e in same) - min(e.value for e in same) > SAME_MEDIUM * max(abs(e.value) for e in same)]
+    if not others or not (alike or split):
+        return
+    listed = [f"{d.name} = {d.value:g} {d.parameter.unit.text}" for d in (*others, *alike)]
+    node = next((n for n in nodes if "." not in n), nodes[0] if nodes else "NODE")
+    media = " or ".join(f"`medium: {{is: {n}}}`" for n in library.names() if library.component(n).is_a(kind.name))
+    problems.add("media-defaults", f"nothing sets the medium of the circuit of node '{node}', and its parts have defaults of "
+                 "different media", others[0].place, notes=[*listed[:LISTED], *(
+                     [f"and {len(listed) - LISTED} more"] if len(listed) > LISTED else [])],
+                 hint=f"Add {media} to the components and `medium.a` to node '{node}', or give the parts values of their own.")
 
 
 def _bound(parameter: Parameter, leaf: Leaf, source: str, kind: Component, problems: Problems) -> Bound:
