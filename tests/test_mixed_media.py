@@ -93,3 +93,8 @@ def test_values_of_their_own_or_parts_that_take_nothing_else_stay() -> None:
         "  r: {is: Tank}", "  r: {is: Tank}\n  k: {is: Cap}\n  p: {is: PressureSource, p_0: 1 bar}")
     for text in (own, alone, apart):
         assert hb.assemble(hb.loads(text)).model.name == "tank"
+
+
+def test_a_part_that_takes_only_a_density_takes_that_of_the_tank() -> None:
+    model = hb.loads(TANK.replace("is: SharpEdgedOrifice, d: 20 mm", "is: TurbulentLeakage, A: 1 cm**2"))
+    assert hb.assemble(model).parameter_values["o.rho"] == 1000.0

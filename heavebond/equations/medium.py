@@ -3,7 +3,8 @@
 A domain names the component that sets its medium (`medium: Fluid`), a parameter the property that it is (`medium: rho`).
 A circuit is all that wires and parts with several ports of the domain join. A parameter that is not given becomes the
 formula `=oil.rho`, so that it follows the fluid in runs, sensitivities and fits; without a fluid it has its own default,
-or else that of the component that would set it. Defaults of different media in one circuit are refused.
+or else that of another part of the circuit, or else that of the component that would set it. Defaults of different media in
+one circuit are refused.
 """
 
 from __future__ import annotations
@@ -64,7 +65,13 @@ def _with_medium(expanded: Expanded, domain: Domain, medium: str) -> Expanded:
             defaults.setdefault(circuit, []).extend(_defaults(path, parameters, kind, leaves[path].place))
     nodes = {circuit: [n for n in expanded.junctions if circuits.get(Terminal("node", n)) == circuit] for circuit in defaults}
     for circuit, values in defaults.items():
-        _check_defaults(values, library, kind, nodes[circuit], problems)
+        followed = _one_medium(values)
+        if followed is None:
+            _mixed(values, library, kind, nodes[circuit], problems)
+        for taker, leader in (followed or {}).items():
+            leaf = leaves[taker.path]
+            leaves[taker.path] = replace(leaf, parameters={
+                **leaf.parameters, taker.parameter.name: leaves[leader.path].parameters[leader.parameter.name]})
     problems.raise_as(ModelError)
     media = tuple(Medium(sources.get(circuit, ""), kind.name,
                          tuple(n for n in expanded.junctions if circuits.get(Terminal("node", n)) == circuit), tuple(names))
@@ -143,12 +150,13 @@ def _sources(expanded: Expanded, kind: str, circuits: dict[Terminal, int], probl
     return found
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Default:
-    """The default of a property of the medium in one part, in SI, and that of the medium itself."""
+    """The default of a property of the medium in one part, in SI, its `own` or else that of the medium, and the medium's."""
 
-    name: str
+    path: str
     parameter: Parameter
+    own: bool
     value: float
     usual: float
     place: Place
@@ -156,7 +164,7 @@ class _Default:
     @property
     def deviates(self) -> bool:
         """Whether the part has another medium in mind."""
-        return abs(self.value - self.usual) > SAME_MEDIUM * max(abs(self.value), abs(self.usual))
+        return not _alike(self.value, self.usual)
 
 
 def _defaults(path: str, parameters: Iterable[Parameter], kind: Component, place: Place) -> Iterator[_Default]:
@@ -167,7 +175,7 @@ def _defaults(path: str, parameters: Iterable[Parameter], kind: Component, place
         value = _number(parameter, {}) if parameter.default is not None or parameter.neutral is not None else None
         standard = _number(usual, kind.parameters) if usual is not None else None
         if standard is not None and (value is not None or default(parameter, path) is None):
-            yield _Default(f"{path}.{parameter.name}", parameter, standard if value is None else value, standard, place)
+            yield _Default(path, parameter, value is not None, standard if value is None else value, standard, place)
 
 
 def _number(parameter: Parameter, others: Mapping[str, Parameter]) -> float | None:
@@ -183,20 +191,29 @@ def _number(parameter: Parameter, others: Mapping[str, Parameter]) -> float | No
     return float(evaluate(expr, Context(lambda text, _: ca.SX(known[text]), lambda _: ca.SX(0))))
 
 
-def _check_defaults(defaults: Sequence[_Default], library: Library, kind: Component, nodes: Sequence[str], problems: Problems
-                    ) -> None:
+def _one_medium(defaults: Sequence[_Default]) -> dict[_Default, _Default] | None:
+    """The parts without a default of their own that take that of another part, such as the density of a tank of water; None
+    where the defaults of a circuit are of different media."""
+    leaders: dict[str, _Default] = {}
+    for d in defaults:
+        if d.deviates and not _alike(d.value, leaders.setdefault(d.parameter.medium, d).value):
+            return None
+    others = [d for d in defaults if leaders and not d.deviates and d.usual]
+    if any(d.own or d.parameter.medium not in leaders for d in others):
+        return None
+    return {d: leaders[d.parameter.medium] for d in others}
+
+
+def _alike(one: float, other: float) -> bool:
+    return abs(one - other) <= SAME_MEDIUM * max(abs(one), abs(other))
+
+
+def _mixed(defaults: Sequence[_Default], library: Library, kind: Component, nodes: Sequence[str], problems: Problems) -> None:
     """Note a problem for a circuit whose parts take defaults of different media, such as a tank of water and an orifice of
     mineral oil."""
     others = [d for d in defaults if d.deviates]
     alike = [d for d in defaults if not d.deviates and d.usual]
-    by_property: dict[str, list[_Default]] = {}
-    for d in others:
-        by_property.setdefault(d.parameter.medium, []).append(d)
-    split = [d for same in by_property.values() for d in same
-             if max(e.value for e in same) - min(e.value for e in same) > SAME_MEDIUM * max(abs(e.value) for e in same)]
-    if not others or not (alike or split):
-        return
-    listed = [f"{d.name} = {d.value:g} {d.parameter.unit.text}" for d in (*others, *alike)]
+    listed = [f"{d.path}.{d.parameter.name} = {d.value:g} {d.parameter.unit.text}" for d in (*others, *alike)]
     node = next((n for n in nodes if "." not in n), nodes[0] if nodes else "NODE")
     media = " or ".join(f"`medium: {{is: {n}}}`" for n in library.names() if library.component(n).is_a(kind.name))
     problems.add("media-defaults", f"nothing sets the medium of the circuit of node '{node}', and its parts have defaults of "
