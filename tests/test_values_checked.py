@@ -48,7 +48,6 @@ ENTRIES: dict[str, Callable[[hb.Model, dict[str, float]], object]] = {
 }
 
 
-@pytest.mark.xfail(strict=True, reason="values of parameters are checked at some entry points only")
 @pytest.mark.parametrize("entry", ENTRIES)
 @pytest.mark.parametrize(("name", "value"), [("spring.c", -5.0), ("body.m", -1.0), ("damper.d", np.nan)])
 def test_a_value_below_its_minimum_is_refused_at_every_entry(entry: str, name: str, value: float) -> None:
@@ -59,14 +58,12 @@ def test_a_value_below_its_minimum_is_refused_at_every_entry(entry: str, name: s
     assert name in problem.message
 
 
-@pytest.mark.xfail(strict=True, reason="requirements of components are checked in the file only")
 @pytest.mark.parametrize("entry", ["simulate", "Simulator", "Assembly", "audit"])
 def test_limits_in_the_wrong_order_are_refused_at_every_entry(entry: str) -> None:
-    with pytest.raises(hb.HeavebondError, match="requires y_min < y_max"):
+    with pytest.raises(hb.HeavebondError, match="requires y_max > y_min"):
         ENTRIES[entry](hb.loads(LOOP), {"pid.y_min": 2.0})
 
 
-@pytest.mark.xfail(strict=True, reason="a formula is checked at the values of the file only")
 def test_a_parameter_that_follows_from_another_by_a_formula_is_checked_too() -> None:
     model = hb.loads(FORMULA)
     assert hb.simulate(model, parameters={"k": 60.0})["body.x"].size
@@ -74,7 +71,6 @@ def test_a_parameter_that_follows_from_another_by_a_formula_is_checked_too() -> 
         hb.simulate(model, parameters={"k": 40.0})
 
 
-@pytest.mark.xfail(strict=True, reason="ends of ranges are not checked")
 def test_a_range_that_reaches_beyond_what_is_allowed_is_refused() -> None:
     with pytest.raises(hb.HeavebondError, match=r"damper\.d"):
         tuned(hb.loads(OSCILLATOR), {"damper.d": "-1 .. 10 N*s/m"})
@@ -82,7 +78,6 @@ def test_a_range_that_reaches_beyond_what_is_allowed_is_refused() -> None:
         hb.root_locus(hb.loads(OSCILLATOR), "spring.c", "-10 .. 10 N/m")
 
 
-@pytest.mark.xfail(strict=True, reason="ends of free ranges are not checked")
 def test_a_free_range_of_a_fit_that_reaches_beyond_what_is_allowed_is_refused(tmp_path: Path) -> None:
     (tmp_path / "m.yaml").write_text(OSCILLATOR)
     t = np.linspace(0, 1, 21)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from heavebond.core.errors import SimulationError, StartError
+from heavebond.core.errors import ModelError, SimulationError, StartError
 from heavebond.equations.flatten import KnownInput
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment, Record
@@ -116,7 +116,7 @@ class PreparedAlternative:
             for share in (1.0, 0.5, 0.1):
                 try:
                     seen = self.run(known, p=own.p + share * step)
-                except (SimulationError, StartError):
+                except (ModelError, SimulationError, StartError):
                     continue
                 if distance(seen) < before:
                     better = seen

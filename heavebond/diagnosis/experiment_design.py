@@ -22,7 +22,7 @@ from itertools import combinations
 
 import numpy as np
 
-from heavebond.core.errors import SimulationError, StartError, listing
+from heavebond.core.errors import ModelError, SimulationError, StartError, listing
 from heavebond.core.presentation import number, quantity, readable, readable_difference
 from heavebond.core.progress import Progress
 from heavebond.core.units import read_unit
@@ -247,7 +247,7 @@ def _runs(rivals: Sequence[PreparedAlternative], known: Mapping[str, Array], pro
     """All alternatives with the same inputs; None where one of them breaks down."""
     try:
         return [c.run(known, probe) for c, probe in zip(rivals, probes or [None] * len(rivals), strict=True)]
-    except (SimulationError, StartError):
+    except (ModelError, SimulationError, StartError):
         return None
 
 

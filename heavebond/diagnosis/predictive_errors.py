@@ -21,7 +21,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.core.errors import SimulationError, StartError
+from heavebond.core.errors import ModelError, SimulationError, StartError
 from heavebond.diagnosis.decision import DECISION
 from heavebond.estimation.experiment import is_test
 from heavebond.estimation.fitting import own_start
@@ -106,7 +106,7 @@ def _held_out(problem: Residuals, inner: Array, exact: Mapping[str, Run]) -> Ite
             if record.use != "fit":
                 values = {**values, **own_start(experiment, record, values, run)}
             r = run.held_out(values)[0]
-        except (SimulationError, StartError):
+        except (ModelError, SimulationError, StartError):
             r = np.full(int(which.sum()), BROKEN)
         yield _series(which, r, TEST if is_test(experiment, record) else SELECTION)
 

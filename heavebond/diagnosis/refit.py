@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from heavebond.core.errors import HeavebondError, SimulationError, StartError
+from heavebond.core.errors import HeavebondError, ModelError, SimulationError, StartError
 from heavebond.core.progress import Progress
 from heavebond.core.units import Range
 from heavebond.diagnosis.base_model import ERRS, TIMES, Base, exact_runs, finer
@@ -249,7 +249,7 @@ class _RefitProblem:
             for run in self.runs:
                 r = run.residuals(problem.values_of(inner, run.record.name), most - cost)[0]
                 cost += float(r @ r)
-        except (SimulationError, StartError, Exceeded):
+        except (ModelError, SimulationError, StartError, Exceeded):
             return np.inf
         return cost if cost <= most else np.inf  # (not where it is no number)
 

@@ -31,6 +31,7 @@ from heavebond.equations.output_checks import check_asked
 from heavebond.equations.ownership import Names, check_outputs, claim_clocks, claim_names
 from heavebond.equations.parameters import (
     FlatParameter,
+    Limits,
     Parameters,
     check_values,
     formula_order,
@@ -128,6 +129,7 @@ class Flat:
     bonds: dict[str, Bond] = field(default_factory=dict)        # of the components
     block_bonds: dict[str, Bond] = field(default_factory=dict)  # of the blocks that they are in
     domains: dict[str, Domain] = field(default_factory=dict)    # by the path of a node or port
+    templates: dict[str, Template] = field(default_factory=dict, repr=False)
 
     @cached_property
     def levels(self) -> tuple[tuple[ca.SX, ...], ...]:
@@ -155,6 +157,11 @@ class Flat:
     def places(self) -> dict[int, int]:
         """Where the symbol of each parameter stands, by its hash."""
         return places(self.p)
+
+    @cached_property
+    def limits(self) -> Limits:
+        """What the components allow of the parameters."""
+        return Limits.of(self.expanded, Parameters(self.parameters, self.p, self.constants, self.units), self.templates)
 
     @property
     def constant_hashes(self) -> set[int]:
@@ -243,7 +250,7 @@ class _Builder:
                     tuple(self.equations), self.residuals, tuple(self.entries), self.names, self.constants,
                     self.parameters.units, tuple(self.energies), bounds, self.held, tuple(self.events), self.bonds,
                     self.block_bonds, {path: self.domains[group.domain] for group in self.network.groups
-                                       if group.domain in self.domains for path in group.aliases})
+                                       if group.domain in self.domains for path in group.aliases}, self.templates)
 
     def _clocks(self) -> None:
         """What equations ask of the time becomes what is held between events."""

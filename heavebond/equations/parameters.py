@@ -6,7 +6,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
-from math import inf, isfinite
+from math import inf, isfinite, isinf
 
 import casadi as ca
 import numpy as np
@@ -355,13 +355,16 @@ def with_declaration(expanded: Expanded) -> Iterator[tuple[str, Parameter, Bound
             yield name, leaf.component.parameters[name.rpartition(".")[2]], bound
 
 
-def check_values(expanded: Expanded, parameters: Parameters, templates: Mapping[str, Template]) -> None:
-    """Bounds and requirements of every parameter at the values given; raises ModelError."""
-    problems = Problems()
+def check_values(expanded: Expanded, parameters: Parameters, templates: Mapping[str, Template],
+                 changed: Mapping[str, Value] | None = None) -> None:
+    """Bounds and requirements of every parameter at the values given, some of them `changed` from those of the diagram; raises
+    ModelError."""
+    problems, new = Problems(), changed or {}
     checks = list(with_declaration(expanded))
     for (name, parameter, bound), number in zip(checks, parameters.values([c[0] for c in checks]), strict=True):
-        assert isinstance(bound.value, Value)
-        check_bounds(name, parameter, float(number), bound.value, problems)
+        value = new.get(name, bound.value)
+        assert isinstance(value, Value)
+        check_bounds(name, parameter, float(number), value, problems)
     problems.raise_as(ModelError)
     asked = [(path, made) for path, made in templates.items() if expanded.leaves[path].component.requires]
     truths = _truths(parameters, asked)
@@ -369,8 +372,51 @@ def check_values(expanded: Expanded, parameters: Parameters, templates: Mapping[
         leaf = expanded.leaves[path]
         for formula, truth in zip(leaf.component.requires, truths[path], strict=True):
             if not truth:
-                _violated(leaf, formula, made, parameters, problems)
+                _violated(leaf, formula, made, parameters, new, problems)
     problems.raise_as(ModelError)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the components of a diagram allow of its parameters. `numbers` maps p (n_p,) in SI to the values that have bounds
+    `low` and `high` (n,), and to the truth of each requirement."""
+
+    expanded: Expanded
+    parameters: Parameters
+    templates: Mapping[str, Template]
+    numbers: ca.Function
+    low: Array
+    high: Array
+
+    @classmethod
+    def of(cls, expanded: Expanded, parameters: Parameters, templates: Mapping[str, Template]) -> Limits:
+        """The limits of a diagram that `check_values` accepts."""
+        bounded = [(name, q) for name, q, _ in with_declaration(expanded) if q.low is not None or q.high is not None]
+        values = stack(parameters.expressions[name] for name, _ in bounded)
+        truths = stack(made.requirements(stack(parameters.expressions[f"{path}.{name}"] for name in made.parameters))
+                       for path, made in templates.items() if expanded.leaves[path].component.requires)
+        return cls(expanded, parameters, templates, ca.Function("limits", [parameters.p], [values, truths]),
+                   np.array([-inf if q.low is None else q.low for _, q in bounded]),
+                   np.array([inf if q.high is None else q.high for _, q in bounded]))
+
+    def bounds(self, name: str) -> Interval:
+        """The values that are allowed for an independent parameter: the strictest bounds of all that it is the value of."""
+        own = parameter_bounds(self.expanded, self.parameters)
+        return own.get(self.parameters.expressions[name].element_hash(), (-inf, inf))
+
+    def check(self, p: Array, changed: Iterable[str]) -> None:
+        """ModelError if the values `p`, of which some are `changed` from those of the diagram, are not allowed."""
+        values, truths = (np.array(found).ravel() for found in self.numbers(p))
+        if np.all((values >= self.low) & (values <= self.high)) and np.all(truths):
+            return
+        independent = tuple(replace(q, value=number) for q, number in zip(self.parameters.independent, p.tolist(), strict=True))
+        new, names = {}, set(changed)
+        for q in independent:
+            if q.name in names:
+                text = f"{q.value:.6g} {q.unit.text}".removesuffix(" 1")
+                place = Place(f"value of {q.name}", 1, 1, text)
+                new[q.name] = Value(Number(q.value, q.unit, 0), text, place)
+        check_values(self.expanded, replace(self.parameters, independent=independent), self.templates, new)
 
 
 def _truths(parameters: Parameters, asked: Sequence[tuple[str, Template]]) -> dict[str, Array]:
@@ -388,11 +434,13 @@ def _truths(parameters: Parameters, asked: Sequence[tuple[str, Template]]) -> di
     return found
 
 
-def _violated(leaf: Leaf, formula: Formula, made: Template, parameters: Parameters, problems: Problems) -> None:
+def _violated(leaf: Leaf, formula: Formula, made: Template, parameters: Parameters, changed: Mapping[str, Value],
+              problems: Problems) -> None:
     used = list(dict.fromkeys(n.text for n in names(formula.tree) if n.text in made.parameters))
     notes = []
     for name, number in zip(used, parameters.values([f"{leaf.path}.{n}" for n in used]), strict=True):
         value, declaration = leaf.parameters[name].value, leaf.component.parameters[name]
+        value = changed.get(f"{leaf.path}.{name}", value)
         given = value.text.lstrip("= ") if isinstance(value, Value) else ""
         if not (isinstance(value, Value) and isinstance(value.expr, Number) and not value.si):
             given = f"{number:g} {parameters.units[f'{leaf.path}.{name}'].text}"
@@ -401,8 +449,21 @@ def _violated(leaf: Leaf, formula: Formula, made: Template, parameters: Paramete
                  notes=notes, hint="Change one of these values.")
 
 
-def check_ranges(units: Mapping[str, Unit], ranges: Mapping[str, Range]) -> None:
-    """UsageError where a name is none of the parameters, whose units are given, or its range is in another unit."""
+def check_range(name: str, wanted: Range, limits: Limits, place: Place | None = None) -> None:
+    """UsageError if a range of the parameter `name` reaches beyond the values that its components allow."""
+    low, high = limits.bounds(name)
+    rounding = 1e-9 * (wanted.high - wanted.low)  # an end may have been rounded in another unit
+    if wanted.low < low - rounding or wanted.high > high + rounding:
+        unit = limits.parameters.units[name]
+        allowed = f"at least {unit.written(low)}" if isinf(high) else f"at most {unit.written(high)}" if isinf(low) else \
+            f"between {unit.written(low)} and {unit.written(high)}"
+        raise UsageError([Problem("range-beyond", f"the range of {name}, {wanted.low:g} .. {unit.written(wanted.high)}, reaches "
+                                  f"beyond what is allowed; it must be {allowed}", place, "Give a range inside.")])
+
+
+def check_ranges(units: Mapping[str, Unit], ranges: Mapping[str, Range], limits: Limits) -> None:
+    """UsageError where a name is none of the parameters, whose units are given, or its range is in another unit or reaches
+    beyond the values that are allowed."""
     for name, wanted in ranges.items():
         if name not in units:
             raise UsageError([Problem("free-unknown", f"'{name}' is no parameter that may be free", None,
@@ -414,3 +475,4 @@ def check_ranges(units: Mapping[str, Unit], ranges: Mapping[str, Range]) -> None
                                       f"{units[name].text} is needed", None,
                                       f"Write '{wanted.low:g} .. {wanted.high:g} {units[name].text}', if that is meant."
                                       if plain else f"Write it in {units[name].text} or in a multiple of it.")])
+        check_range(name, wanted, limits)

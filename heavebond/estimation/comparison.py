@@ -22,6 +22,7 @@ from heavebond.core.errors import (
     Problems,
     SimulationError,
     StartError,
+    UsageError,
     listing,
     suggest,
 )
@@ -29,6 +30,7 @@ from heavebond.core.presentation import brief, count, number, readable_time
 from heavebond.core.reporting import place, reporting
 from heavebond.core.threads import single_threaded
 from heavebond.core.units import Unit, check_turns, other_unit, read_unit
+from heavebond.equations.parameters import check_range
 from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.constant_bias import all_advice
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile, Output, Record, load_experiment
@@ -426,6 +428,10 @@ def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) 
                          hint=f"Write it in {unit.text} or in a multiple of it.")
             continue
         check_turns(free.range.unit.text, unit, name, place, problems)
+        try:
+            check_range(name, free.range, flat.limits, place)
+        except UsageError as error:
+            problems.extend(error)
 
 
 def _channel(name: str, found: Samples, simulated: Array, counts: Mask, astray: Mask, late: TimeDelay | None) -> Channel:

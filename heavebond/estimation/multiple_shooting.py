@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from heavebond.core.errors import SimulationError, StartError
+from heavebond.core.errors import ModelError, SimulationError, StartError
 from heavebond.core.progress import Progress
 from heavebond.estimation.comparison import TOLERANCES
 from heavebond.estimation.residuals import BROKEN, Residuals, Run
@@ -75,7 +75,7 @@ class Shooting:
                 result = simulator.run(values) if segment.first else simulator.run_from(last, values)
                 states.append(result.x[:, 0])
                 last = result.x[:, -1]
-            except (SimulationError, StartError):
+            except (ModelError, SimulationError, StartError):
                 states.append(last if last.size else np.zeros(len(segment.run.assembly.x_nominal)))
                 last = states[-1]
         return states
@@ -102,7 +102,7 @@ class Shooting:
         values = self.problem.values_of(inner, run.record.name)
         try:
             result = segment.simulator.run(values) if segment.first else segment.simulator.run_from(y[own] * nominal, values)
-        except (SimulationError, StartError):
+        except (ModelError, SimulationError, StartError):
             return np.full(n_data, BROKEN), np.full(n_gap, BROKEN), slopes, gap_slopes
         count = samples.stop - samples.start
         wrong = (run.probe.values(result)[:, :count] - run.measured[:, samples]) / run.noise[:, samples]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.cancellation import ENDED_EARLY, clear_signal, is_interrupt
-from heavebond.core.errors import Problem, SimulationError, StartError, UsageError
+from heavebond.core.errors import ModelError, Problem, SimulationError, StartError, UsageError
 from heavebond.core.progress import Progress
 from heavebond.core.units import read_unit
 from heavebond.estimation.comparison import TOLERANCES, assemble_for
@@ -340,7 +340,7 @@ class Residuals:
         """A record's residuals; a run that breaks down is a large residual, not an end."""
         try:
             wrong, moved = run.residuals(self.values_of(inner, run.record.name), most)
-        except (SimulationError, StartError):
+        except (ModelError, SimulationError, StartError):
             return _broken(run)
         return (wrong, moved) if np.all(np.isfinite(wrong)) and np.all(np.isfinite(moved)) else _broken(run)
 

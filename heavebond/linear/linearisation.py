@@ -118,7 +118,7 @@ class Linearisation:
 
     def __init__(self, assembly: Assembly, inputs: Sequence[str] = (), outputs: Sequence[str] = (),
                  driven: Sequence[str] = ()):
-        assembly.with_parameters(dict.fromkeys(inputs, 0.0))  # says what is wrong with a name that cannot be set
+        assembly.parameter_indices(inputs)  # UsageError for a name that cannot be set
         _, x, z, p, u, _ = assembly.arguments
         known = [k.name for k in assembly.flat.inputs]
         self.assembly, self.outputs = assembly, tuple(outputs)

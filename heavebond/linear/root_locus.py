@@ -51,7 +51,8 @@ def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Tim
     span = si_range(span, parameter)
     operating = OperatingPoints(loaded(model), at)
     linearisation = Linearisation(operating.assembly)
-    check_ranges({q.name: q.unit for q in operating.assembly.flat.parameters}, {parameter: span})
+    flat = operating.assembly.flat
+    check_ranges({q.name: q.unit for q in flat.parameters}, {parameter: span}, flat.limits)
 
     def linear(value: float) -> Linear:
         return linearisation.at(operating.at({parameter: value}))

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.core.errors import SimulationError, StartError
+from heavebond.core.errors import ModelError, SimulationError, StartError
 from heavebond.equations.places import Place
 from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.kalman_smoother import Likelihood, Smoothed, Unknown
@@ -242,7 +242,7 @@ class Search:
             try:
                 stepped = {name: with_values(self.known, q) for name, q in now.null.items()}
                 better = self.about(stepped, {})
-            except (SimulationError, StartError):
+            except (ModelError, SimulationError, StartError):
                 break
             gained = misfit(systems, self.fitted) - misfit(better, self.fitted)
             if gained < -0.01:
@@ -263,7 +263,7 @@ class Search:
             vector = np.array([place.weights.get(node, 0.0) for node in self.sides[0].nodes])
             try:
                 systems = self.about(now.values, {name: s.w[:, 0, :1] * vector for name, s in smoothed.items()})
-            except (SimulationError, StartError):
+            except (ModelError, SimulationError, StartError):
                 break
             reached = misfit(systems, self.fitted)
             if reached > 0.5 * misfit(first.systems, self.fitted) and reached > 2 * expected:

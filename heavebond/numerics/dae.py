@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import isfinite
 from typing import Any, TypeVar, cast
 
 import casadi as ca
@@ -94,21 +95,33 @@ class Assembly:
         return dict(zip(self.parameter_names, self.p.tolist(), strict=True))
 
     def with_parameters(self, values: Mapping[str, float | str]) -> Assembly:
-        """The same equations with other numbers; UsageError for a name that is no independent parameter."""
+        """The same equations with other numbers; UsageError for a name that is no independent parameter, ModelError for a
+        value that its component does not allow."""
         p = self.p.copy()
-        index = {q.name: k for k, q in enumerate(self.flat.parameters)}
-        for name, given in values.items():
+        for (name, given), k in zip(values.items(), self.parameter_indices(values), strict=True):
+            p[k] = self._number(name, given, k)
+        self.flat.limits.check(p, values)
+        return replace(self, p=p)
+
+    def parameter_indices(self, names: Iterable[str]) -> list[int]:
+        """The places of independent parameters in p; UsageError for a name that cannot be set."""
+        index = self.once("parameter indices", lambda: {q.name: k for k, q in enumerate(self.flat.parameters)})
+        found = []
+        for name in names:
             if name not in index:
                 held = any(name == h.name for h in self.flat.held)
                 dependent = name in self.flat.constants
                 hint = f"What it starts at is called 'initial.{name}'." if held else \
                     "It follows from other parameters by a formula." if dependent else suggest(name, index) or NAMES_LISTED
                 raise UsageError([Problem("parameter-unknown", f"'{name}' cannot be set", None, hint)])
-            p[index[name]] = self._number(name, given, index[name])
-        return replace(self, p=p)
+            found.append(index[name])
+        return found
 
     def _number(self, name: str, given: float | str, index: int) -> float:
         if not isinstance(given, str):
+            if not isfinite(given):
+                raise UsageError([Problem("value-not-finite", f"{name} = {given} has no finite value", None,
+                                          "Give a finite number.")])
             return float(given)
         try:
             number, unit = parse_quantity(given)

@@ -496,6 +496,6 @@ def _directions(assembly: Assembly, names: tuple[str, ...], weight: float) -> Ar
     index = {name: k for k, name in enumerate(assembly.parameter_names)}
     along = np.zeros((len(assembly.p), len(names)))
     for column, name in enumerate(names):
-        assembly.with_parameters({name: 0.0})  # says what is wrong with a name that cannot be set
+        assembly.parameter_indices([name])  # UsageError for a name that cannot be set
         along[index[name], column] = weight * (abs(assembly.p[index[name]]) or 1.0)
     return along

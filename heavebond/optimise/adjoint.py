@@ -98,7 +98,7 @@ class Adjoint:
     def __init__(self, simulator: Simulator, evaluator: Evaluator, names: Sequence[str]):
         self.simulator, self.evaluator = simulator, evaluator
         assembly = simulator.assembly
-        assembly.with_parameters(dict.fromkeys(names, 0.0))  # says what is wrong with a name that cannot be set
+        assembly.parameter_indices(names)  # UsageError for a name that cannot be set
         if assembly.flat.events:
             raise UsageError([Problem("adjoint-events", "a run backwards does not go through events", None,
                                       "Take forward sensitivities: simulate(..., sensitivities=[...]).")])

@@ -186,7 +186,7 @@ def check_gradients(subject: Subject, parameters: Sequence[str], *, progress: Pr
     if not parameters:
         raise UsageError([Problem("nothing-to-check", "no parameter is named", None, "Name one with --to.")])
     say = progress or (lambda text: None)
-    subject.assembly.with_parameters(dict.fromkeys(parameters, 0.0))  # says what is wrong with a name
+    subject.assembly.parameter_indices(parameters)  # UsageError for a name that cannot be set
     values = subject.assembly.parameter_values
     sizes = np.array([abs(values[name]) or 1.0 for name in parameters])
     say("sensitivities")

@@ -115,7 +115,7 @@ def in_chunks(names: Sequence[str], size: int = AT_ONCE) -> list[Sequence[str]]:
 
 
 def _check(assembly: Assembly, chosen: Sequence[str], possible: Sequence[str]) -> None:
-    assembly.with_parameters(dict.fromkeys(chosen, 0.0))  # says what is wrong with a name
+    assembly.parameter_indices(chosen)  # UsageError for a name that cannot be set
     solved = [name for name in chosen if name in assembly.model.initial.solve]
     zero = [name for name in chosen if name not in possible and name not in solved]
     if solved:

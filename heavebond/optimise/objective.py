@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from heavebond.core.errors import HeavebondError, Problem, SimulationError, StartError, UsageError
+from heavebond.core.errors import HeavebondError, ModelError, Problem, SimulationError, StartError, UsageError
 from heavebond.core.quantities import ranges
 from heavebond.core.units import Range
 from heavebond.equations.parameters import check_ranges
@@ -179,7 +179,7 @@ class Objective:
                               modes=self.task.modes)
         if evaluator.integrated:
             self._count(1)
-            with suppress(SimulationError, StartError):  # then the integrals begin unscaled
+            with suppress(ModelError, SimulationError, StartError):  # then the integrals begin unscaled
                 times = np.linspace(0, self.times[-1], OBJECTIVE.size_points)
                 run = Simulator(assembly, times=times, tolerances=TOLERANCES).run(self.values(self.quiet))
                 evaluator.resized(evaluator.largest(run))
@@ -241,7 +241,7 @@ class Objective:
         self._count(1)
         try:
             return case.values(dict(values))
-        except (SimulationError, StartError):
+        except (ModelError, SimulationError, StartError):
             return None
 
     def evaluate(self, y: Array) -> Evaluation:
@@ -261,7 +261,7 @@ class Objective:
         self._count(2 + len(self.costs) / 2 if self.backwards else 1 + len(self.names))
         try:
             return case.costs(self.values(y))
-        except (SimulationError, StartError):
+        except (ModelError, SimulationError, StartError):
             return None
 
     def _stable(self, values: Mapping[str, float], named: Sequence[str]) -> list[tuple[float, Array]]:
@@ -389,7 +389,7 @@ def check_free(assembly: Assembly, task: TuningProblem) -> None:
     if not task.free:
         raise UsageError([Problem("free-empty", "nothing is free to be tuned", None,
                                   "Name parameters and ranges: --free controller.K_p='0 .. 10 1/m'.")])
-    check_ranges({q.name: q.unit for q in assembly.flat.parameters}, task.free)
+    check_ranges({q.name: q.unit for q in assembly.flat.parameters}, task.free, assembly.flat.limits)
     units = {q.name: q.unit.text for q in assembly.flat.parameters}
     for name, wanted in task.free.items():
         value = assembly.parameter_values[name]

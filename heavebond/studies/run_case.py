@@ -258,7 +258,7 @@ def _check_along(study: Study, assembly: Assembly, problems: Problems) -> None:
 def own_values(model: Model, calibration: Calibration) -> dict[str, float]:
     """What the diagram has where something is to be calibrated; UsageError for no parameter, or another unit."""
     assembly = assemble(model)
-    check_ranges({q.name: q.unit for q in assembly.flat.parameters}, calibration.free)
+    check_ranges({q.name: q.unit for q in assembly.flat.parameters}, calibration.free, assembly.flat.limits)
     return {name: assembly.parameter_values[name] for name in calibration.free}
 
 

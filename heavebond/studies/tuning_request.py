@@ -67,7 +67,7 @@ def with_free(assembly: Assembly, task: TuningProblem, texts: Sequence[str]) -> 
         if sign:
             found |= ranges({name: text})
             continue
-        assembly.with_parameters({name: 0.0})  # says what is wrong with a name that cannot be set
+        assembly.parameter_indices([name])  # UsageError for a name that cannot be set
         value = assembly.parameter_values[name]
         if not value:
             raise UsageError([Problem("range-missing", f"{name} is 0, which says nothing about its range", None,
