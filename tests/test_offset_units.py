@@ -48,7 +48,6 @@ def problem_of(text: str, code: str = "unit-offset") -> str:
     return str(error.value)
 
 
-@pytest.mark.xfail(strict=True, reason="the origin of degC is taken off a difference")
 @pytest.mark.parametrize(("formula", "unit", "first", "text"), [
     ("a.T - b.T", "degC", 60.0, PLATE),
     ("a.T - b.T", "degF", 108.0, PLATE),
@@ -80,7 +79,6 @@ def test_a_shown_temperature_counts_from_the_zero_of_its_scale(formula: str, uni
     assert run.display["y"][0] == pytest.approx(first, rel=1e-12)
 
 
-@pytest.mark.xfail(strict=True, reason="a sum of two temperatures is shown")
 @pytest.mark.parametrize("text", [
     PLATE.replace("is: a.T,", "is: a.T + b.T,"),
     PLATE.replace("is: a.T,", "is: a.T + 5 degC,"),
@@ -94,7 +92,6 @@ def test_a_sum_of_two_temperatures_is_refused(text: str) -> None:
     assert "write" in problem_of(text).lower()
 
 
-@pytest.mark.xfail(strict=True, reason="the value of a difference is read as a temperature")
 @pytest.mark.parametrize(("text", "instead"), [
     (SIGNALS.replace("d: {is: Sum, k_2: -1}", "d: {is: SensorOffset, offset: 0.3 degC}").replace(
         ", s: [s.y, d.u_1], q: [q.y, d.u_2]", ", s: [s.y, d.u]").replace("  q: {is: TemperatureSensor}\n", "").replace(
@@ -115,7 +112,6 @@ def record(folder: Path, unit: str) -> None:
     np.savetxt(folder / "rec.csv", np.column_stack([t, values]), "%.6f", ",", header="t,y", comments="")
 
 
-@pytest.mark.xfail(strict=True, reason="noise in degC is read as a temperature")
 @pytest.mark.parametrize(("unit", "noise", "formula", "kind"), [
     ("degC", "0.3 degC", "a.T", "degC"), ("degF", "0.54 degF", "a.T", "degF"), ("degF", "0.3 degC", "a.T", "degF"),
     ("K", "0.3 degC", "a.T - b.T", "difference"), ("degC", "0.3 K", "a.T - b.T", "difference"),
@@ -132,7 +128,6 @@ def test_noise_in_degC_is_an_interval(tmp_path: Path, unit: str, noise: str, for
     assert found.chi2 == pytest.approx(1.0, abs=0.7)
 
 
-@pytest.mark.xfail(strict=True, reason="a limit on a difference is read as a temperature")
 @pytest.mark.parametrize(("limit", "code"), [("peak(a.T - b.T) < 60 degC", "unit-offset"),
                                              ("final(a.T) - final(b.T) < 50 degF", "unit-offset")])
 def test_a_limit_on_a_difference_in_degC_is_refused(limit: str, code: str) -> None:
@@ -152,7 +147,6 @@ measure:
 """
 
 
-@pytest.mark.xfail(strict=True, reason="a measured difference is shown as a temperature")
 def test_a_measure_of_a_difference_is_an_interval(tmp_path: Path) -> None:
     (tmp_path / "plate.yaml").write_text(PLATE)
     (tmp_path / "s.yaml").write_text(STUDY)
@@ -161,21 +155,20 @@ def test_a_measure_of_a_difference_is_an_interval(tmp_path: Path) -> None:
     # highest and lowest are at the ends, within the error of the run
     assert found.value(outcome, "swing") == pytest.approx(60*(1 - 1/np.e), abs=1e-3)
     assert found.value(outcome, "end") == pytest.approx(20 + 60/np.e, abs=1e-3)
-    t = np.linspace(0, 1, 2001)
+    t = np.linspace(0, 1, 47)  # the output points
     spread = np.std(60*np.exp(-t))
-    # samples of a run against an integral: 1 % of the deviation
-    assert found.value(outcome, "spread") == pytest.approx(1.8*spread, rel=0.02)
+    # the same samples, within the error of the run
+    assert found.value(outcome, "spread") == pytest.approx(1.8*spread, rel=1e-4)
     assert found.units["swing"].offset == found.units["spread"].offset == 0
 
 
-@pytest.mark.xfail(strict=True, reason="an uncertainty in degC is read as a temperature")
 def test_an_uncertainty_in_degC_is_an_interval() -> None:
     from heavebond.optimise.robustness import _width
 
     assembly = hb.assemble(hb.loads(PLATE))
     assert _width(assembly, "b.T_0", "3 degC") == pytest.approx(3.0, rel=1e-12)
     assert _width(assembly, "b.T_0", "9 degF") == pytest.approx(5.0, rel=1e-12)
-    with pytest.raises(hb.UsageError, match="3 K"):
+    with pytest.raises(hb.UsageError, match="8.79 K"):
         _width(assembly, "b.T_0", "3 %")
 
 
@@ -185,7 +178,6 @@ def test_gauge_pressures_are_refused_with_the_unit_to_write() -> None:
         hb.loads(text)
 
 
-@pytest.mark.xfail(strict=True, reason="the command line shows -213 degC")
 def test_the_command_line_shows_an_interval_in_kelvin(tmp_path: Path) -> None:
     path = tmp_path / "plate.yaml"
     path.write_text(PLATE.replace(SHOWN, "show: {dT: {is: a.T - b.T, unit: degC}}"))

@@ -110,6 +110,15 @@ class Unit:
         return number if self.text in ("1", "") else f"{number} {self.text}"
 
 
+    @property
+    def of_intervals(self) -> Unit:
+        """The unit of differences of values in this one: of degC K, of degF delta_degF."""
+        if not self.offset:
+            return self
+        return Unit("K", 1.0, 0.0, self.dimension) if self.scale == 1 else \
+            Unit(f"delta_{self.text}", self.scale, 0.0, self.dimension)
+
+
 DIMENSIONLESS = Unit("1", 1.0, 0.0, ONE)
 
 
@@ -288,6 +297,26 @@ def _without_brackets(text: str) -> str:
 def read_unit(text: str) -> Unit:
     """Read a unit at the edge (any scale, brackets allowed)."""
     return replace(unit(_without_brackets(text.strip())), text=text.strip())
+
+
+def interval_unit(text: str) -> str:
+    """The text of a unit for differences: `K` for `degC`, `delta_degF` for `degF`, any other unit as it is."""
+    read = read_unit(text)
+    return read.of_intervals.text if read.offset else text
+
+
+def counts_from_origin(text: str) -> bool:
+    """Whether a unit has an origin of its own, as degC and degF; False for a unit that cannot be read."""
+    try:
+        return read_unit(text).offset != 0
+    except UnitProblem:
+        return False
+
+
+def interval_text(value: float, given: Unit | None) -> str:
+    """What to write for an interval that was read as the SI `value` of a unit with an origin: `0.3 K` for `0.3 degC`."""
+    assert given is not None
+    return f"{given.from_si(value) * given.scale:.6g} K"
 
 
 def _number(text: str, whole: str) -> float:

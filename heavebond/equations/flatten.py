@@ -41,6 +41,7 @@ from heavebond.equations.parameters import (
     solved_unit,
 )
 from heavebond.equations.resolver import Bond, Resolver, Unknown
+from heavebond.equations.temperature_origins import TemperatureOrigins, with_intervals
 from heavebond.equations.time_conditions import check_steps, timed
 from heavebond.language.definition import Domain, FileInput, Value
 from heavebond.language.incidence import EVERYTHING, Interval, classify
@@ -163,6 +164,11 @@ class Flat:
         """What the components allow of the parameters."""
         return Limits.of(self.expanded, Parameters(self.parameters, self.p, self.constants, self.units), self.templates)
 
+    @cached_property
+    def origins(self) -> TemperatureOrigins:
+        """Which quantities in K are temperatures and which are differences."""
+        return TemperatureOrigins(self)
+
     @property
     def constant_hashes(self) -> set[int]:
         """The hashes of the symbols that never change during a run: the parameters without what is held."""
@@ -245,12 +251,16 @@ class _Builder:
         bounds.update(parameter_bounds(self.expanded, self.parameters))
         bounds.update(held_bounds(self.expanded, self.constants))
         bounds.update({self.constants[e.name].element_hash(): (0.0, 1.0) for e in self.events if e.by_clock})
-        return Flat(self.expanded, tuple(self.unknowns), self.columns,
+        flat = Flat(self.expanded, tuple(self.unknowns), self.columns,
                     self.parameters.independent, self.parameters.p, self.time, self.rate, tuple(self.inputs),
                     tuple(self.equations), self.residuals, tuple(self.entries), self.names, self.constants,
                     self.parameters.units, tuple(self.energies), bounds, self.held, tuple(self.events), self.bonds,
                     self.block_bonds, {path: self.domains[group.domain] for group in self.network.groups
                                        if group.domain in self.domains for path in group.aliases}, self.templates)
+        model = self.expanded.model
+        shown = with_intervals(flat)
+        return flat if shown is model.show else replace(flat, expanded=replace(
+            self.expanded, model=replace(model, show=shown)))
 
     def _clocks(self) -> None:
         """What equations ask of the time becomes what is held between events."""

@@ -26,6 +26,7 @@ from heavebond.text.expression import Binary, Call, Expr, ExpressionProblem, Nam
 from heavebond.text.shapes import Lengths, gives_lists
 
 Array = NDArray[np.float64]
+Origin = Callable[[str], float | None]  # see `TemperatureOrigins.of_name`
 MODULATED = "A store whose constant changes takes or gives power: take one with a port for that power, such as an\n" \
     "MCField or an MIField, or write a component with its own `stores:`."
 
@@ -449,8 +450,13 @@ def _violated(leaf: Leaf, formula: Formula, made: Template, parameters: Paramete
                  notes=notes, hint="Change one of these values.")
 
 
-def check_range(name: str, wanted: Range, limits: Limits, place: Place | None = None) -> None:
-    """UsageError if a range of the parameter `name` reaches beyond the values that its components allow."""
+def check_range(name: str, wanted: Range, limits: Limits, origin: Origin, place: Place | None = None) -> None:
+    """UsageError if a range of the parameter `name` reaches beyond the values that its components allow, or is in a unit with
+    an origin although the parameter is a difference of temperatures (`origin` 0)."""
+    if wanted.unit.offset and origin(name) == 0:
+        ends = " .. ".join(f"{wanted.unit.from_si(end) * wanted.unit.scale:.6g}" for end in (wanted.low, wanted.high))
+        raise UsageError([Problem("unit-offset", f"{name} is a difference of temperatures, and its range in {wanted.unit.text} "
+                                  "one of temperatures", place, f"Write '{ends} K'.")])
     low, high = limits.bounds(name)
     rounding = 1e-9 * (wanted.high - wanted.low)  # an end may have been rounded in another unit
     if wanted.low < low - rounding or wanted.high > high + rounding:
@@ -461,7 +467,7 @@ def check_range(name: str, wanted: Range, limits: Limits, place: Place | None = 
                                   f"beyond what is allowed; it must be {allowed}", place, "Give a range inside.")])
 
 
-def check_ranges(units: Mapping[str, Unit], ranges: Mapping[str, Range], limits: Limits) -> None:
+def check_ranges(units: Mapping[str, Unit], ranges: Mapping[str, Range], limits: Limits, origin: Origin) -> None:
     """UsageError where a name is none of the parameters, whose units are given, or its range is in another unit or reaches
     beyond the values that are allowed."""
     for name, wanted in ranges.items():
@@ -475,4 +481,4 @@ def check_ranges(units: Mapping[str, Unit], ranges: Mapping[str, Range], limits:
                                       f"{units[name].text} is needed", None,
                                       f"Write '{wanted.low:g} .. {wanted.high:g} {units[name].text}', if that is meant."
                                       if plain else f"Write it in {units[name].text} or in a multiple of it.")])
-        check_range(name, wanted, limits)
+        check_range(name, wanted, limits, origin)

@@ -29,7 +29,7 @@ from heavebond.core.errors import (
 from heavebond.core.presentation import brief, count, number, readable_time
 from heavebond.core.reporting import place, reporting
 from heavebond.core.threads import single_threaded
-from heavebond.core.units import Unit, check_turns, other_unit, read_unit
+from heavebond.core.units import Unit, check_turns, counts_from_origin, interval_unit, other_unit, read_unit
 from heavebond.equations.parameters import check_range
 from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.constant_bias import all_advice
@@ -53,6 +53,7 @@ from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.records import metrics
 from heavebond.records.outliers import outliers
 from heavebond.records.time_delay import TimeDelay, lateness
+from heavebond.text.dimensions import check_origins
 from heavebond.text.expression import ExpressionProblem, names
 
 if TYPE_CHECKING:
@@ -408,6 +409,15 @@ def _check_output(assembly: Assembly, name: str, output: Output, problems: Probl
                      hint=other_unit(read_unit(output.shown.unit), found))
         return
     check_turns(output.shown.unit, found, f"output '{name}'", output.place, problems)
+    if counts_from_origin(output.shown.unit):
+        try:
+            weight = check_origins(output.shown.expr, assembly.flat.origins.lookup(), shown=True)
+        except ExpressionProblem as problem:
+            reading.add_expression_problem(problem, output.shown.place, problems)
+            return
+        if weight == 0:
+            problems.add("unit-offset", f"output '{name}' is a difference of temperatures, and {output.shown.unit} counts from "
+                         "an origin of its own", output.place, hint=f"Write `unit: {interval_unit(output.shown.unit)}`.")
 
 
 def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) -> None:
@@ -429,7 +439,7 @@ def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) 
             continue
         check_turns(free.range.unit.text, unit, name, place, problems)
         try:
-            check_range(name, free.range, flat.limits, place)
+            check_range(name, free.range, flat.limits, flat.origins.of_name, place)
         except UsageError as error:
             problems.extend(error)
 

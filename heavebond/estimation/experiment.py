@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from heavebond.core.errors import ModelError, Place, Problem, Problems, listing, suggest
 from heavebond.core.presentation import brief, count
-from heavebond.core.units import Range, UnitProblem, parse_range, unit
+from heavebond.core.units import Range, UnitProblem, counts_from_origin, interval_unit, parse_range, unit
 from heavebond.language import reading
 from heavebond.language.definition import FileInput
 from heavebond.language.edits import Change
@@ -23,7 +23,8 @@ from heavebond.language.model import Model, beside, beside_hint, find, load_besi
 from heavebond.language.sections import Condition, NamedOutput, Setting, read_conditions, read_settings, shown_as
 from heavebond.records.measurements import SUFFIXES
 from heavebond.records.noise import NoiseEstimate
-from heavebond.text.expression import calling, constant, parse_formula
+from heavebond.text.dimensions import KELVIN, as_interval, origins
+from heavebond.text.expression import Name, calling, constant, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source, read
 
 EXPERIMENT_KEYS = ("experiment", "summary", "extends", "model", "records", "time", "inputs", "outputs", "free", "notes")
@@ -235,11 +236,10 @@ def experiment_from_source(source: Source, chain: tuple[Path, ...] = ()) -> Expe
     problems = Problems()
     reading.known_keys(root, EXPERIMENT_KEYS, "an experiment", problems)
     base = _base(source, chain, problems)
-    own = _Reader(source, problems)
     model = _model(source, base, problems)
     problems.raise_as(ModelError)
     with calling(model.library.functions):
-        experiment = own.changed(base, model)
+        experiment = _Reader(source, problems, model).changed(base)
     problems.raise_as(ModelError)
     return experiment
 
@@ -273,9 +273,10 @@ def _model(source: Source, base: Experiment | None, problems: Problems) -> Model
 class _Reader:
     source: Source
     problems: Problems
+    model: Model
 
-    def changed(self, base: Experiment | None, model: Model) -> Experiment:
-        root, problems = self.source.root, self.problems
+    def changed(self, base: Experiment | None) -> Experiment:
+        root, problems, model = self.source.root, self.problems, self.model
         name = reading.text(root.items["experiment"], "experiment", problems)
         found = replace(base, name=name, path=self.source.path, model=model) if base else \
             Experiment(name, self.source.path, model)
@@ -368,12 +369,22 @@ class _Reader:
                 self.problems.add("key-missing", f"output '{name}' needs the entry 'column'", key.place,
                                   hint="Add `column: name_in_the_file`.")
                 continue
+            if counts_from_origin(shown.unit) and origins(shown.expr, self._node_origin) == 0:
+                shown = replace(shown, unit=interval_unit(shown.unit))  # a difference of temperatures
             noise = self._noise(item.items.get("noise"), shown.unit)
             outliers = reading.choice(item.items.get("outliers"), "outliers", ("drop", "keep"), self.problems)
             found[name] = Output(shown, reading.text(column, "column", self.problems), noise, column.place,
                                  self._origin(item), self._time(item.items.get("shift"), "shift") or 0.0,
                                  outliers == "drop")
         return found
+
+    def _node_origin(self, name: Name) -> float | None:
+        """1 for a temperature of a node, which has the name that its domain gives it; None for other names."""
+        show, member = self.model.show.get(name.text), name.text.rpartition(".")[2]
+        if show is not None:
+            return origins(show.expr, self._node_origin)
+        temperatures = (d.members[m] for d in self.model.library.domains.values() for m in d.across if m == member)
+        return 1.0 if any(m.unit.dimension == KELVIN for m in temperatures) else None
 
     def _amended(self, output: Output, item: Mapping) -> Output:
         """An output of the experiment before that equals another formula now, or is late, or drops its outliers."""
@@ -410,7 +421,7 @@ class _Reader:
         if node is None:
             return None
         value = reading.value(node, "noise", self.problems)
-        number = constant(value.expr) if value is not None else None
+        number = constant(as_interval(value.expr)) if value is not None else None
         if value is None or number is None:
             return None
         try:

@@ -52,7 +52,7 @@ def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Tim
     operating = OperatingPoints(loaded(model), at)
     linearisation = Linearisation(operating.assembly)
     flat = operating.assembly.flat
-    check_ranges({q.name: q.unit for q in flat.parameters}, {parameter: span}, flat.limits)
+    check_ranges({q.name: q.unit for q in flat.parameters}, {parameter: span}, flat.limits, flat.origins.of_name)
 
     def linear(value: float) -> Linear:
         return linearisation.at(operating.at({parameter: value}))

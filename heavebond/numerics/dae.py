@@ -16,7 +16,7 @@ from heavebond.core.cancellation import check
 from heavebond.core.errors import NAMES_LISTED, ModelError, Problem, Problems, UsageError, listing, suggest
 from heavebond.core.gc_paused import put_off
 from heavebond.core.presentation import brief, count
-from heavebond.core.units import UnitProblem, check_unit, parse_quantity
+from heavebond.core.units import UnitProblem, check_unit, interval_text, parse_quantity
 from heavebond.equations.flatten import Flat, flatten
 from heavebond.equations.reduce import Reduced, reduce
 from heavebond.equations.resolver import Resolver
@@ -126,6 +126,9 @@ class Assembly:
         try:
             number, unit = parse_quantity(given)
             check_unit(unit, self.flat.parameters[index].unit, number, given)
+            if unit is not None and unit.offset and self.flat.origins.of_name(name.removeprefix("initial.")) == 0:
+                raise UnitProblem("unit-offset", f"'{given}' is a temperature, and this is a difference",
+                                  f"Write '{interval_text(number, unit)}'.")
         except UnitProblem as problem:
             raise UsageError([Problem(problem.code, f"{name}: {problem.message}", None, problem.hint)]) from None
         return number

@@ -29,7 +29,7 @@ from heavebond.language.symbols import stack
 from heavebond.linear.modal_values import NUMBERS, WHICH, part_of
 from heavebond.numerics.dae import Assembly
 from heavebond.optimise.sampled_values import CONDITIONS, CYCLES, SAMPLED
-from heavebond.text.dimensions import SECOND
+from heavebond.text.dimensions import KELVIN, SECOND, check_origins, has_origin
 from heavebond.text.expression import (
     Binary,
     Call,
@@ -80,6 +80,7 @@ class Cost:
     value: ca.Function
     gradient: ca.Function
     dimension: Dimension
+    origin: float | None = None  # 1 for a temperature, 0 for a difference or a quantity without an origin
 
     @property
     def unit(self) -> str:
@@ -89,7 +90,16 @@ class Cost:
 
 def read_cost(assembly: Assembly, text: str) -> Cost:
     """A cost from its text; UsageError with a caret for what is wrong in it."""
-    return _Reader(assembly, text).cost(parse(text, assembly.model.library))
+    tree = parse(text, assembly.model.library)
+    cost = _Reader(assembly, text).cost(tree)
+    return replace(cost, origin=_origin(assembly, tree, text)) if cost.dimension == KELVIN else cost
+
+
+def _origin(assembly: Assembly, tree: Expr, text: str) -> float | None:
+    try:
+        return check_origins(tree, assembly.flat.origins.lookup())
+    except ExpressionProblem as problem:
+        raise _problem(text, problem) from None
 
 
 def read_limit(assembly: Assembly, text: str) -> Cost:
@@ -99,6 +109,8 @@ def read_limit(assembly: Assembly, text: str) -> Cost:
     if not isinstance(tree, Compare) or tree.op not in ("<", "<=", ">", ">="):
         raise _problem(text, ExpressionProblem("limit-form", "a limit says what is below or above what", 0, len(text),
                                                "Write for example `peak(extension) < 3.8 m` or `damping(least) > 0.1`."))
+    if has_origin(tree):
+        _origin(assembly, tree, text)
     low, high = (tree.left, tree.right) if tree.op in ("<", "<=") else (tree.right, tree.left)
     excess: Expr = Binary("-", low, high, tree.column)
     if constant(tree.right):

@@ -389,7 +389,8 @@ def check_free(assembly: Assembly, task: TuningProblem) -> None:
     if not task.free:
         raise UsageError([Problem("free-empty", "nothing is free to be tuned", None,
                                   "Name parameters and ranges: --free controller.K_p='0 .. 10 1/m'.")])
-    check_ranges({q.name: q.unit for q in assembly.flat.parameters}, task.free, assembly.flat.limits)
+    flat = assembly.flat
+    check_ranges({q.name: q.unit for q in flat.parameters}, task.free, flat.limits, flat.origins.of_name)
     units = {q.name: q.unit.text for q in assembly.flat.parameters}
     for name, wanted in task.free.items():
         value = assembly.parameter_values[name]

@@ -10,9 +10,11 @@ import numpy as np
 from heavebond.core.errors import NAMES_LISTED, Problem, UsageError, suggest
 from heavebond.core.progress import Progress
 from heavebond.core.units import UnitProblem, check_unit, parse_quantity
+from heavebond.language.definition import Value
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.optimise.objective import OBJECTIVE, Objective
 from heavebond.optimise.tuning import Tuned
+from heavebond.text.dimensions import has_origin
 
 SHARE = 0.1  # by which every free parameter is moved
 RISE = 0.01  # of the cost, at the edge of the ellipse
@@ -103,7 +105,14 @@ def _width(assembly: Assembly, name: str, text: str) -> float:
     try:
         number, given = parse_quantity(text)
         if given is not None and given.text == "%":
-            return abs(number * assembly.parameter_values[name])
+            value = assembly.parameter_values[name]
+            bound = assembly.flat.origins.bounds.get(name)
+            if bound is not None and isinstance(bound.value, Value) and has_origin(bound.value.expr):
+                raise UnitProblem("range-relative", f"a share of {bound.value.text} depends on the zero of the scale",
+                                  f"Write a width in K, for example '{abs(number * value):.3g} K'.")
+            return abs(number * value)
+        if given is not None:
+            number -= given.offset  # 3 degC is a width of 3 K
         check_unit(given, units[name], number, text)
     except UnitProblem as problem:
         raise UsageError([Problem(problem.code, f"uncertainty of {name}: {problem.message}", None, problem.hint)]) from None

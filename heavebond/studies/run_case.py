@@ -14,7 +14,7 @@ import numpy as np
 from heavebond.core.errors import NAMES_LISTED, HeavebondError, ModelError, Place, Problems, UsageError, suggest
 from heavebond.core.parallel import Stopped, check_cancelled
 from heavebond.core.progress import Progress
-from heavebond.core.units import Unit, read_unit
+from heavebond.core.units import Unit, interval_text, read_unit
 from heavebond.equations.parameters import check_ranges
 from heavebond.language.model import Model
 from heavebond.linear.held_variables import check_decided, held_lines
@@ -258,7 +258,8 @@ def _check_along(study: Study, assembly: Assembly, problems: Problems) -> None:
 def own_values(model: Model, calibration: Calibration) -> dict[str, float]:
     """What the diagram has where something is to be calibrated; UsageError for no parameter, or another unit."""
     assembly = assemble(model)
-    check_ranges({q.name: q.unit for q in assembly.flat.parameters}, calibration.free, assembly.flat.limits)
+    check_ranges({q.name: q.unit for q in assembly.flat.parameters}, calibration.free, assembly.flat.limits,
+                 assembly.flat.origins.of_name)
     return {name: assembly.parameter_values[name] for name in calibration.free}
 
 
@@ -306,7 +307,7 @@ def _unit(measure: Measure, cost: Cost, problems: Problems) -> Unit:
     if unit.dimension != cost.dimension:
         problems.add("unit-wrong", f"'{measure.name}' is in {cost.unit}, not in {measure.unit}", measure.place,
                      hint="Write a unit of the same kind, or leave it out.")
-    return unit
+    return unit.of_intervals if cost.origin == 0 else unit
 
 
 def _check_signal(assembly: Assembly, name: str) -> None:
@@ -328,6 +329,11 @@ def _check_published(study: Study, units: Mapping[str, Unit], problems: Problems
                 if name in units and given.unit.dimension != units[name].dimension:
                     problems.add("unit-wrong", f"{name} is given in {given.unit.text}; {units[name].text} is needed",
                                  given.place)
+                elif name in units and given.unit.offset and units[name].text == units[name].of_intervals.text \
+                        and study.measures[name].unit and read_unit(study.measures[name].unit).offset:
+                    problems.add("unit-offset", f"{name} is a difference of temperatures, and {given.unit.text} counts from an "
+                                 "origin of its own", given.place,
+                                 hint=f"Write '{interval_text(given.value, given.unit)}'.")
 
 
 @contextmanager

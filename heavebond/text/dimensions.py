@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 
-from heavebond.core.units import ONE, Dimension, dimension_text, is_generic, times
+from heavebond.core.units import ONE, Dimension, dimension_text, interval_text, is_generic, times
 from heavebond.text.expression import (
     Binary,
     Call,
@@ -22,6 +22,7 @@ from heavebond.text.expression import (
     Number,
     Slice,
     SumOver,
+    children,
     constant,
 )
 
@@ -251,3 +252,109 @@ def _start(expr: Expr) -> int:
     if isinstance(expr, (Binary, Compare, Logic)):
         return _start(expr.left)
     return expr.column
+
+
+# -- origins of temperatures ---------------------------------------------------------------------------------------
+KELVIN: Dimension = (("K", Fraction(1)),)
+_WIDTHS = {"deviation", "equivalent_range"}  # of a course: the origin does not matter
+
+
+def origins(expr: Expr, lookup: Callable[[Name], float | None]) -> float | None:
+    """How much `expr` rises, in K, if the origin of all temperatures falls by 1 K: 1 for a temperature, 0 for a difference, 2
+    for a sum of two; None if that is not known. `lookup` tells it of a name. A number in K alone may be either."""
+    if isinstance(expr, Number):
+        if expr.unit is None or expr.unit.dimension != KELVIN:
+            return 0.0
+        return 1.0 if expr.unit.offset else None
+    if isinstance(expr, Name):
+        return lookup(expr)
+    if isinstance(expr, Negative):
+        inner = origins(expr.operand, lookup)
+        return None if inner is None else -inner
+    if isinstance(expr, Binary):
+        return _binary_origins(expr, lookup)
+    found = [origins(child, lookup) for child in children(expr)]
+    if isinstance(expr, Call):
+        if expr.function in ("der", "sign", *_WIDTHS):
+            return 0.0
+        if expr.function == "if_else":
+            found = found[1:]
+        same = bool(found) and len(set(found)) == 1
+        if same and (found[0] == 0 or expr.function in _SAME_ORIGIN):
+            return found[0]
+        return None
+    return 0.0 if isinstance(expr, FunctionCall) and all(weight == 0 for weight in found) else None
+
+
+_SAME_ORIGIN = {"min", "max", "if_else", "abs", "smooth_abs", "mean", "rms", "peak", "final", "highest", "lowest", "largest",
+                "ref", "last"}
+
+
+def _binary_origins(expr: Binary, lookup: Callable[[Name], float | None]) -> float | None:
+    left, right = origins(expr.left, lookup), origins(expr.right, lookup)
+    if expr.op in "+-":
+        # beside a temperature or a difference, a number in K is an interval
+        left, right = (0.0 if w is None and other is not None and _in_kelvin(e) else w
+                       for e, w, other in ((expr.left, left, right), (expr.right, right, left)))
+        return None if left is None or right is None else left + right if expr.op == "+" else left - right
+    if left == 0 and right == 0:
+        return 0.0
+    factor = constant(expr.right)
+    if expr.op in "*/" and left is not None and factor:
+        return left * factor if expr.op == "*" else left / factor
+    factor = constant(expr.left)
+    return right * factor if expr.op == "*" and right is not None and factor is not None else None
+
+
+def as_interval(expr: Expr) -> Expr:
+    """An expression of quantities as an interval: 0.3 degC counts as 0.3 K."""
+    if isinstance(expr, Number) and expr.unit is not None and expr.unit.offset:
+        return Number(expr.value - expr.unit.offset, expr.unit.of_intervals, expr.column)
+    if isinstance(expr, Binary):
+        return Binary(expr.op, as_interval(expr.left), as_interval(expr.right), expr.column)
+    return Negative(as_interval(expr.operand), expr.column) if isinstance(expr, Negative) else expr
+
+
+def has_origin(expr: Expr) -> bool:
+    """Whether a quantity in a unit with an origin, such as 20 degC, stands in an expression."""
+    if isinstance(expr, Number):
+        return expr.unit is not None and expr.unit.offset != 0
+    return not isinstance(expr, Name) and any(has_origin(child) for child in children(expr))
+
+
+def check_origins(expr: Expr, lookup: Callable[[Name], float | None], *, shown: bool = False) -> float | None:
+    """`origins` of an expression; ExpressionProblem for a sum of temperatures in degC, for one times a variable, and for a
+    comparison of a temperature with a difference. Expressions without a quantity in degC may add absolute temperatures,
+    unless they are `shown` in degC."""
+    weight = origins(expr, lookup)
+    if not (shown or has_origin(expr)):
+        return weight
+    if weight is not None and weight not in (0.0, 1.0):
+        raise ExpressionProblem("unit-offset", "temperatures are added, each with an origin of its own", _start(expr), 1,
+                                "Write an interval in K, as in `20 degC + 5 K`; the mean of two is `(a.T + b.T)/2`.")
+    for part in _parts(expr):
+        if isinstance(part, Binary) and part.op == "*":
+            for number, factor in ((part.left, part.right), (part.right, part.left)):
+                if isinstance(number, Number) and has_origin(number) and constant(factor) is None:
+                    raise ExpressionProblem("unit-offset", "a factor of a temperature counts from absolute zero",
+                                            number.column, 1, f"Write an interval: {_interval(number)}.")
+        if isinstance(part, Compare) and has_origin(part):
+            left, right = origins(part.left, lookup), origins(part.right, lookup)
+            if left is not None and right is not None and left != right:
+                number = next((side for side in (part.left, part.right) if isinstance(side, Number)), None)
+                raise ExpressionProblem("unit-offset", "a difference of temperatures is compared with a temperature",
+                                        part.column, len(part.op),
+                                        f"Write {_interval(number)}." if number is not None else "Write an interval in K.")
+    return weight
+
+
+def _parts(expr: Expr) -> list[Expr]:
+    return [expr, *(part for child in children(expr) for part in _parts(child))]
+
+
+def _interval(number: Number) -> str:
+    return f"`{interval_text(number.value, number.unit)}`"
+
+
+def _in_kelvin(expr: Expr) -> bool:
+    return isinstance(expr, Number) and expr.unit is not None and not expr.unit.offset

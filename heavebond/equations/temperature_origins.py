@@ -1,0 +1,216 @@
+"""Which quantities in K are temperatures and which are differences: how they move with the origin of temperature.
+
+An equation between temperatures does not change if all of them, and no difference, are moved by the same amount. With w_j = 1
+for a temperature and 0 for a difference, r(T + w c) = r(T) for every residual r and every shift c; this is evaluated at random
+points. Temperatures of nodes are known (w = 1); an equation tells the others where one choice of 0 and 1 alone keeps its
+residual. Laws that need the absolute temperature (ideal gas, radiation) keep none and tell nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import ModelError, Problems
+from heavebond.core.units import Unit, counts_from_origin, interval_text, interval_unit
+from heavebond.equations.expanded import Bound, Expanded
+from heavebond.equations.parameters import FlatParameter, declared
+from heavebond.equations.resolver import Unknown
+from heavebond.language import reading
+from heavebond.language.definition import FileInput, Value
+from heavebond.language.sections import NamedOutput
+from heavebond.language.values import add_formula_problem
+from heavebond.text.dimensions import KELVIN, check_origins, has_origin, origins
+from heavebond.text.expression import Expr, ExpressionProblem, Name, Number, parse_formula
+
+SHIFT = 35.0       # K
+POINTS = 4         # random points at which a residual must not change
+UNDECIDED = 5      # quantities in an equation of which at most that many are decided at once
+ROUNDING = 1e-9    # of the largest change of a residual
+
+
+class Flat(Protocol):
+    """What is needed of a flat model (see `heavebond.equations.flatten.Flat`)."""
+
+    @property
+    def expanded(self) -> Expanded:
+        """The opened diagram."""
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The variables."""
+
+    @property
+    def levels(self) -> tuple[tuple[ca.SX, ...], ...]:
+        """Their symbols and those of their derivatives."""
+
+    @property
+    def parameters(self) -> tuple[FlatParameter, ...]:
+        """The independent parameters."""
+
+    @property
+    def p(self) -> ca.SX:
+        """Their symbols."""
+
+    @property
+    def residuals(self) -> tuple[ca.SX, ...]:
+        """The equations."""
+
+    @property
+    def names(self) -> dict[str, int]:
+        """The numbers of the variables."""
+
+    @property
+    def units(self) -> dict[str, Unit]:
+        """The units of all parameters."""
+
+    @property
+    def origins(self) -> TemperatureOrigins:
+        """Which quantities in K are temperatures and which are differences."""
+
+
+def origins_of(flat: Flat) -> dict[str, float]:
+    """1 for each variable and independent parameter of a diagram that is a temperature, 0 for each that is a difference;
+    others are left out."""
+    variables = {u.name: s for u, s in zip(flat.unknowns, flat.levels[0], strict=True) if u.unit.dimension == KELVIN}
+    parameters = {q.name: flat.p[k] for k, q in enumerate(flat.parameters)
+                  if q.unit.dimension == KELVIN and not q.name.startswith("initial.")}
+    if not variables:
+        return {}
+    symbols = {s.element_hash(): name for name, s in (*variables.items(), *parameters.items())}
+    unknowns = {s.element_hash() for s in flat.levels[0]}
+    numbers = {flat.p[k].element_hash(): q.value for k, q in enumerate(flat.parameters)}
+    found = {u.name: 1.0 for u in flat.unknowns if u.name in variables and u.role == "across"}
+    rows = [(row, ca.symvar(row)) for row in flat.residuals]
+    rows = [(row, used) for row, used in rows if any(s.element_hash() in symbols for s in used)]
+    moved = True
+    while moved:
+        moved = False
+        for row, used in rows:
+            open_names = [symbols[h] for s in used if (h := s.element_hash()) in symbols and symbols[h] not in found]
+            known = [found[symbols[h]] for s in used if (h := s.element_hash()) in symbols and symbols[h] in found]
+            alone = all(s.element_hash() in symbols for s in used if s.element_hash() in unknowns)
+            if not 0 < len(open_names) <= UNDECIDED or not known or not (alone or 1.0 in known):
+                continue
+            decided = _decided(row, used, symbols, numbers, found, open_names)
+            found.update(decided)
+            moved = moved or bool(decided)
+    return found
+
+
+def _decided(row: ca.SX, used: Sequence[ca.SX], symbols: Mapping[int, str], numbers: Mapping[int, float],
+             found: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
+    """The names that have the same value in all choices of 0 and 1 which keep a residual; for a single name also 2 and -1,
+    the sum of two temperatures and its negative."""
+    rng = np.random.default_rng(1)
+    hashes = [s.element_hash() for s in used]
+    base = np.array([[numbers[h] if h in numbers else rng.uniform(250, 400) if h in symbols else rng.uniform(0.5, 2)
+                      for _ in range(POINTS)] for h in hashes])
+    residual = ca.Function("residual", [ca.vertcat(*used)], [row])
+    before = np.array(residual(base)).ravel()
+
+    def change(choice: Mapping[str, float]) -> NDArray[np.float64]:
+        weights = np.array([choice.get(symbols.get(h, ""), found.get(symbols.get(h, ""), 0.0)) for h in hashes])
+        return np.abs(np.array(residual(base + SHIFT * weights[:, None])).ravel() - before)
+
+    choices = [dict(zip(names, values, strict=True)) for values in product((0.0, 1.0), repeat=len(names))]
+    changes = np.array([change(choice) for choice in choices])
+    if len(names) == 1:
+        choices += [{names[0]: value} for value in (2.0, -1.0)]
+        changes = np.vstack([changes, [change(choice) for choice in choices[-2:]]])
+    usable = np.isfinite(changes).all(axis=0)
+    if not usable.any():
+        return {}
+    changes = changes[:, usable]
+    kept = [choice for choice, c in zip(choices, changes, strict=True) if np.all(c <= ROUNDING * changes.max(axis=0))]
+    return {name: kept[0][name] for name in names if kept and len({choice[name] for choice in kept}) == 1}
+
+
+class TemperatureOrigins:
+    """Whether expressions of a diagram are temperatures or differences."""
+
+    def __init__(self, flat: Flat):
+        self.flat = flat
+        self.bounds: dict[str, Bound] = {name: bound for name, bound, _ in declared(flat.expanded)}
+        self.found = origins_of(flat)
+
+    def of(self, expr: Expr, scope: str = "") -> float | None:
+        """`dimensions.origins` of an expression with names of the diagram."""
+        return origins(expr, self.lookup(scope))
+
+    def lookup(self, scope: str = "") -> Callable[[Name], float | None]:
+        """`of_name` for names inside a part."""
+        return lambda name: self.of_name(scope + name.text)
+
+    def of_name(self, path: str) -> float | None:
+        """1 for a variable or parameter that is a temperature, 0 for one that is not; of a parameter that no equation decides
+        by the unit of its value."""
+        flat = self.flat
+        if path in self.found:
+            return self.found[path]
+        if path in flat.names:
+            return None if flat.unknowns[flat.names[path]].unit.dimension == KELVIN else 0.0
+        if path in flat.units and flat.units[path].dimension != KELVIN:
+            return 0.0
+        if path in (show := flat.expanded.model.show):
+            return self.of(show[path].expr)
+        bound = self.bounds.get(path)
+        if bound is None or not isinstance(bound.value, Value):
+            return 0.0 if path in ("time", "pi") else None
+        return self.of(bound.value.expr, bound.scope)
+
+
+def with_intervals(flat: Flat) -> dict[str, NamedOutput]:
+    """The outputs of a diagram, those that are differences of temperatures in a unit without origin (of degC in K).
+
+    ModelError for a sum of temperatures, and for a difference whose value is in a unit with an origin.
+    """
+    model = flat.expanded.model
+    values = list(_values(flat))
+    if not any(counts_from_origin(shown.unit) or has_origin(shown.expr) for shown in model.show.values()) and \
+            not any(counts_from_origin(v.unit) if isinstance(v, FileInput) else has_origin(v.expr) for _, v, _ in values):
+        return model.show
+    known, problems, shows = flat.origins, Problems(), dict(model.show)
+    starts = {name: known.of(parse_formula(name)) for name in model.initial.conditions}
+    for name, value, scope in values:
+        needed = known.found.get(name, starts.get(name))
+        if isinstance(value, FileInput):
+            if needed == 0 and counts_from_origin(value.unit):
+                problems.add("unit-offset", f"{name} is a difference of temperatures, and {value.unit} counts from an origin "
+                             "of its own", value.place, hint=f"Write `unit: {interval_unit(value.unit)}`.")
+            continue
+        try:
+            weight = check_origins(value.expr, known.lookup(scope))
+        except ExpressionProblem as problem:
+            add_formula_problem(problem, value, problems)
+            continue
+        if needed == 0 and isinstance(value.expr, Number) and weight == 1:
+            problems.add("unit-offset", f"{name} is a difference of temperatures, and '{value.text}' is a temperature",
+                         value.place, hint=f"Write '{interval_text(value.expr.value, value.expr.unit)}'.")
+    for shown in model.show.values():
+        try:
+            weight = check_origins(shown.expr, known.lookup(), shown=counts_from_origin(shown.unit))
+        except ExpressionProblem as problem:
+            reading.add_expression_problem(problem, shown.place, problems)
+            continue
+        if weight == 0 and counts_from_origin(shown.unit):
+            shows[shown.name] = replace(shown, unit=interval_unit(shown.unit))
+    problems.raise_as(ModelError)
+    return shows
+
+
+def _values(flat: Flat) -> Iterator[tuple[str, Value | FileInput, str]]:
+    """Every value of a diagram with its name and scope: parameters, inputs, initial values."""
+    for name, bound, _ in declared(flat.expanded):
+        yield name, bound.value, bound.scope
+    for path, leaf in flat.expanded.leaves.items():
+        for name, bound in leaf.inputs.items():
+            yield f"{path}.{name}", bound.value, bound.scope
+    for name, condition in flat.expanded.model.initial.conditions.items():
+        yield name, condition.value, ""
