@@ -101,3 +101,44 @@ def test_allowed_values_are_used_at_every_entry() -> None:
     assert found["body.x"] == pytest.approx(expected, abs=1e-7)
     poles = hb.state_space(model, ["body.f"], ["body.x"], parameters=value).poles
     assert sorted(np.abs(poles.imag)) == pytest.approx([w, w], rel=1e-9)
+
+
+DESCRIPTION = """<?xml version="1.0"?>
+<fmiModelDescription fmiVersion="2.0" modelName="heater" guid="1">
+  <CoSimulation modelIdentifier="heater"/>
+  <UnitDefinitions><Unit name="degC"><BaseUnit K="1" offset="273.15"/></Unit></UnitDefinitions>
+  <TypeDefinitions><SimpleType name="Difference"><Real unit="degC" relativeQuantity="true"/></SimpleType></TypeDefinitions>
+  <ModelVariables>
+    <ScalarVariable name="T" valueReference="1" causality="parameter" variability="fixed">
+      <Real unit="degC" start="20" min="-20" max="90"/></ScalarVariable>
+    <ScalarVariable name="band" valueReference="2" causality="parameter" variability="fixed">
+      <Real declaredType="Difference" start="2"/></ScalarVariable>
+    <ScalarVariable name="y" valueReference="3" causality="output"><Real/></ScalarVariable>
+  </ModelVariables>
+  <ModelStructure><Outputs><Unknown index="3"/></Outputs></ModelStructure>
+</fmiModelDescription>
+"""
+
+
+def test_bounds_and_relative_quantities_of_an_fmu_are_kept(tmp_path: Path) -> None:
+    """T may be -20 to 90 degC; a band of 2 degC with `relativeQuantity` is 2 K."""
+    import zipfile
+
+    with zipfile.ZipFile(tmp_path / "heater.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", DESCRIPTION)
+    model = hb.loads("model: m\ncomponents: {h: {is: heater.fmu, step: 1 s}}\nnodes: {y: [h.y]}\n", tmp_path)
+    parameters = model.library.component("heater.fmu").parameters
+    assert (parameters["T"].low, parameters["T"].high) == pytest.approx((253.15, 363.15))
+    assert parameters["band"].low is None
+    values = hb.assemble(model).parameter_values
+    assert (values["h.T"], values["h.band"]) == pytest.approx((293.15, 2.0))
+    for given in (100.0 + 273.15, "100 degC"):
+        with pytest.raises(hb.HeavebondError, match=r"h\.T"):
+            hb.assemble(model).with_parameters({"h.T": given})
+
+
+def test_a_study_tells_which_case_has_a_value_that_is_not_allowed(tmp_path: Path) -> None:
+    (tmp_path / "m.yaml").write_text(OSCILLATOR)
+    (tmp_path / "s.yaml").write_text("study: s\nmodel: m.yaml\ncases: {damper.d: [-1 N*s/m, 2 N*s/m]}\nmeasure: {x: rms(body.x)}\n")
+    with pytest.raises(hb.HeavebondError, match=r"damper\.d"):
+        hb.run_study(hb.load_study(tmp_path / "s.yaml"))

@@ -27,6 +27,7 @@ from heavebond.text.shapes import Lengths, gives_lists
 
 Array = NDArray[np.float64]
 Origin = Callable[[str], float | None]  # see `TemperatureOrigins.of_name`
+ROUNDED = 1e-12  # of a value or of its bound: a few rounding errors
 MODULATED = "A store whose constant changes takes or gives power: take one with a port for that power, such as an\n" \
     "MCField or an MIField, or write a component with its own `stores:`."
 
@@ -396,9 +397,13 @@ class Limits:
         values = stack(parameters.expressions[name] for name, _ in bounded)
         truths = stack(made.requirements(stack(parameters.expressions[f"{path}.{name}"] for name in made.parameters))
                        for path, made in templates.items() if expanded.leaves[path].component.requires)
-        return cls(expanded, parameters, templates, ca.Function("limits", [parameters.p], [values, truths]),
-                   np.array([-inf if q.low is None else q.low for _, q in bounded]),
-                   np.array([inf if q.high is None else q.high for _, q in bounded]))
+        numbers = ca.Function("limits", [parameters.p], [values, truths])
+        # a search may step beyond the end of its range by a rounding error
+        rounding = ROUNDED * np.abs(np.array(numbers(parameters.numbers)[0]).ravel())
+        low = np.array([-inf if q.low is None else q.low for _, q in bounded])
+        high = np.array([inf if q.high is None else q.high for _, q in bounded])
+        return cls(expanded, parameters, templates, numbers, low - rounding - ROUNDED * np.abs(np.where(np.isinf(low), 0, low)),
+                   high + rounding + ROUNDED * np.abs(np.where(np.isinf(high), 0, high)))
 
     def bounds(self, name: str) -> Interval:
         """The values that are allowed for an independent parameter: the strictest bounds of all that it is the value of."""

@@ -14,6 +14,7 @@ from typing import Any
 
 from heavebond.core.errors import ModelError, Problem, listing
 from heavebond.core.limits import FMU_VARIABLES
+from heavebond.core.limits import NUMBER as LARGEST
 from heavebond.core.numerals import number
 from heavebond.core.units import UnitProblem, declared_unit, dimension_of, dimension_text, read_unit
 from heavebond.language.definition import Foreign, ForeignVariable
@@ -118,6 +119,8 @@ class _Units:
 def _variable(v: Any, names: _Names, units: _Units) -> tuple[ForeignVariable, str | None, Any]:
     unit, scale, offset = units(v.unit or (v.declaredType.unit if v.declaredType is not None else None)) \
         if v.type in REAL else ("1", 1.0, 0.0)
+    if v.relativeQuantity or getattr(v.declaredType, "relativeQuantity", False):
+        offset = 0.0  # a difference of temperatures
     return ForeignVariable(names(v.name), v.name, v.type, int(v.valueReference), scale, offset), unit, v
 
 
@@ -145,8 +148,8 @@ def _text(path: Path, description: Any, known: dict[str, list[tuple[ForeignVaria
                   for found, unit, v in known[kind]]
     lines += ["parameters:", "  step: {unit: s, min: 1e-6 s, doc: time between two communications"
               + (f", default: {float(step)!r} s" if step else "") + "}"]
-    lines += [f"  {found.name}: {{unit: {unit or 1}, doc: {_doc(v)}, default: {_quantity(_number(v, found), unit)}}}"
-              for found, unit, v in known["parameter"]]
+    lines += [f"  {found.name}: {{unit: {unit or 1}{_bounds(v, found, unit)}, doc: {_doc(v)}, "
+              f"default: {_quantity(_number(v, found), unit)}}}" for found, unit, v in known["parameter"]]
     lines.append("variables:")
     lines += [f"  {LAST}{found.name}: {{unit: {unit or f'$U_{found.name}'}, held: {_quantity(_number(v, found), unit)}, "
               f"doc: {_doc(v)}}}" for found, unit, v in known["output"]]
@@ -161,6 +164,20 @@ def _quantity(number: float, unit: str | None) -> str:
         return repr(number)
     declared_unit(unit)
     return f"{number!r} {unit}"
+
+
+def _bounds(v: Any, found: ForeignVariable, unit: str | None) -> str:
+    """The bounds of a parameter, for its declaration; those that are no numbers are left out."""
+    texts = []
+    for name in ("min", "max"):
+        said = getattr(v, name, None)
+        try:
+            bound = number(str(said if said is not None else getattr(v.declaredType, name, None)).strip()) * found.scale
+        except ValueError:
+            continue
+        if abs(bound + found.offset) <= LARGEST:
+            texts.append(f", {name}: {_quantity(bound + found.offset, unit)}")
+    return "".join(texts)
 
 
 def _doc(v: Any) -> str:
