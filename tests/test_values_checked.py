@@ -139,6 +139,7 @@ def test_bounds_and_relative_quantities_of_an_fmu_are_kept(tmp_path: Path) -> No
 
 def test_a_study_tells_which_case_has_a_value_that_is_not_allowed(tmp_path: Path) -> None:
     (tmp_path / "m.yaml").write_text(OSCILLATOR)
-    (tmp_path / "s.yaml").write_text("study: s\nmodel: m.yaml\ncases: {damper.d: [-1 N*s/m, 2 N*s/m]}\nmeasure: {x: rms(body.x)}\n")
+    (tmp_path / "s.yaml").write_text("study: s\nmodel: m.yaml\nmeasure: {x: rms(body.x)}\n"
+                                     "cases: {damper.d: [-1 N*s/m, 2 N*s/m]}\n")
     with pytest.raises(hb.HeavebondError, match=r"damper\.d"):
         hb.run_study(hb.load_study(tmp_path / "s.yaml"))

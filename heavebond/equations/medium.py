@@ -63,11 +63,11 @@ def _with_medium(expanded: Expanded, domain: Domain, medium: str) -> Expanded:
             takers.setdefault(circuit, []).extend(f"{path}.{name}" for name in told)
         if circuit not in sources and circuit >= 0:
             defaults.setdefault(circuit, []).extend(_defaults(path, parameters, kind, leaves[path].place))
-    nodes = {circuit: [n for n in expanded.junctions if circuits.get(Terminal("node", n)) == circuit] for circuit in defaults}
     for circuit, values in defaults.items():
+        nodes = [n for n in expanded.junctions if circuits.get(Terminal("node", n)) == circuit]
         followed = _one_medium(values)
         if followed is None:
-            _mixed(values, library, kind, nodes[circuit], problems)
+            _mixed(values, library, kind, nodes, problems)
         for taker, leader in (followed or {}).items():
             leaf = leaves[taker.path]
             leaves[taker.path] = replace(leaf, parameters={
@@ -185,9 +185,12 @@ def _number(parameter: Parameter, others: Mapping[str, Parameter]) -> float | No
     expr = parameter.default.expr
     if isinstance(expr, Number):
         return expr.value
-    known = {name.text: _number(others[name.text], others) if name.text in others else None for name in names(expr)}
-    if any(value is None for value in known.values()):
-        return None
+    known: dict[str, float] = {}
+    for name in names(expr):
+        value = _number(others[name.text], others) if name.text in others else None
+        if value is None:
+            return None
+        known[name.text] = value
     return float(evaluate(expr, Context(lambda text, _: ca.SX(known[text]), lambda _: ca.SX(0))))
 
 
@@ -208,7 +211,8 @@ def _alike(one: float, other: float) -> bool:
     return abs(one - other) <= SAME_MEDIUM * max(abs(one), abs(other))
 
 
-def _mixed(defaults: Sequence[_Default], library: Library, kind: Component, nodes: Sequence[str], problems: Problems) -> None:
+def _mixed(defaults: Sequence[_Default], library: Library, kind: Component, nodes: Sequence[str],
+           problems: Problems) -> None:
     """Note a problem for a circuit whose parts take defaults of different media, such as a tank of water and an orifice of
     mineral oil."""
     others = [d for d in defaults if d.deviates]
@@ -216,10 +220,10 @@ def _mixed(defaults: Sequence[_Default], library: Library, kind: Component, node
     listed = [f"{d.path}.{d.parameter.name} = {d.value:g} {d.parameter.unit.text}" for d in (*others, *alike)]
     node = next((n for n in nodes if "." not in n), nodes[0] if nodes else "NODE")
     media = " or ".join(f"`medium: {{is: {n}}}`" for n in library.names() if library.component(n).is_a(kind.name))
-    problems.add("media-defaults", f"nothing sets the medium of the circuit of node '{node}', and its parts have defaults of "
-                 "different media", others[0].place, notes=[*listed[:LISTED], *(
+    problems.add("media-defaults", f"nothing sets the medium of the circuit of node '{node}', and its parts have defaults "
+                 "of different media", others[0].place, notes=[*listed[:LISTED], *(
                      [f"and {len(listed) - LISTED} more"] if len(listed) > LISTED else [])],
-                 hint=f"Add {media} to the components and `medium.a` to node '{node}', or give the parts values of their own.")
+                 hint=f"Add {media} to the components and `medium.a` to node '{node}', or give the parts their own values.")
 
 
 def _bound(parameter: Parameter, leaf: Leaf, source: str, kind: Component, problems: Problems) -> Bound:

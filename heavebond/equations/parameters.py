@@ -359,8 +359,8 @@ def with_declaration(expanded: Expanded) -> Iterator[tuple[str, Parameter, Bound
 
 def check_values(expanded: Expanded, parameters: Parameters, templates: Mapping[str, Template],
                  changed: Mapping[str, Value] | None = None) -> None:
-    """Bounds and requirements of every parameter at the values given, some of them `changed` from those of the diagram; raises
-    ModelError."""
+    """Bounds and requirements of every parameter at the values given, some of them `changed` from those of the diagram;
+    raises ModelError."""
     problems, new = Problems(), changed or {}
     checks = list(with_declaration(expanded))
     for (name, parameter, bound), number in zip(checks, parameters.values([c[0] for c in checks]), strict=True):
@@ -402,8 +402,9 @@ class Limits:
         rounding = ROUNDED * np.abs(np.array(numbers(parameters.numbers)[0]).ravel())
         low = np.array([-inf if q.low is None else q.low for _, q in bounded])
         high = np.array([inf if q.high is None else q.high for _, q in bounded])
-        return cls(expanded, parameters, templates, numbers, low - rounding - ROUNDED * np.abs(np.where(np.isinf(low), 0, low)),
-                   high + rounding + ROUNDED * np.abs(np.where(np.isinf(high), 0, high)))
+        low -= rounding + ROUNDED * np.abs(np.where(np.isinf(low), 0, low))
+        high += rounding + ROUNDED * np.abs(np.where(np.isinf(high), 0, high))
+        return cls(expanded, parameters, templates, numbers, low, high)
 
     def bounds(self, name: str) -> Interval:
         """The values that are allowed for an independent parameter: the strictest bounds of all that it is the value of."""
@@ -415,7 +416,8 @@ class Limits:
         values, truths = (np.array(found).ravel() for found in self.numbers(p))
         if np.all((values >= self.low) & (values <= self.high)) and np.all(truths):
             return
-        independent = tuple(replace(q, value=number) for q, number in zip(self.parameters.independent, p.tolist(), strict=True))
+        pairs = zip(self.parameters.independent, p.tolist(), strict=True)
+        independent = tuple(replace(q, value=number) for q, number in pairs)
         new, names = {}, set(changed)
         for q in independent:
             if q.name in names:
@@ -456,20 +458,20 @@ def _violated(leaf: Leaf, formula: Formula, made: Template, parameters: Paramete
 
 
 def check_range(name: str, wanted: Range, limits: Limits, origin: Origin, place: Place | None = None) -> None:
-    """UsageError if a range of the parameter `name` reaches beyond the values that its components allow, or is in a unit with
-    an origin although the parameter is a difference of temperatures (`origin` 0)."""
+    """UsageError if a range of the parameter `name` reaches beyond the values that its components allow, or is in a unit
+    with an origin although the parameter is a difference of temperatures (`origin` 0)."""
     if wanted.unit.offset and origin(name) == 0:
         ends = " .. ".join(f"{wanted.unit.from_si(end) * wanted.unit.scale:.6g}" for end in (wanted.low, wanted.high))
-        raise UsageError([Problem("unit-offset", f"{name} is a difference of temperatures, and its range in {wanted.unit.text} "
-                                  "one of temperatures", place, f"Write '{ends} K'.")])
+        raise UsageError([Problem("unit-offset", f"{name} is a difference of temperatures, and its range in "
+                                  f"{wanted.unit.text} one of temperatures", place, f"Write '{ends} K'.")])
     low, high = limits.bounds(name)
     rounding = 1e-9 * (wanted.high - wanted.low)  # an end may have been rounded in another unit
     if wanted.low < low - rounding or wanted.high > high + rounding:
         unit = limits.parameters.units[name]
         allowed = f"at least {unit.written(low)}" if isinf(high) else f"at most {unit.written(high)}" if isinf(low) else \
             f"between {unit.written(low)} and {unit.written(high)}"
-        raise UsageError([Problem("range-beyond", f"the range of {name}, {wanted.low:g} .. {unit.written(wanted.high)}, reaches "
-                                  f"beyond what is allowed; it must be {allowed}", place, "Give a range inside.")])
+        raise UsageError([Problem("range-beyond", f"the range of {name}, {wanted.low:g} .. {unit.written(wanted.high)}, "
+                                  f"reaches beyond what is allowed; it must be {allowed}", place, "Give a range inside.")])
 
 
 def check_ranges(units: Mapping[str, Unit], ranges: Mapping[str, Range], limits: Limits, origin: Origin) -> None:

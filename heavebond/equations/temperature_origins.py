@@ -1,9 +1,9 @@
 """Which quantities in K are temperatures and which are differences: how they move with the origin of temperature.
 
-An equation between temperatures does not change if all of them, and no difference, are moved by the same amount. With w_j = 1
-for a temperature and 0 for a difference, r(T + w c) = r(T) for every residual r and every shift c; this is evaluated at random
-points. Temperatures of nodes are known (w = 1); an equation tells the others where one choice of 0 and 1 alone keeps its
-residual. Laws that need the absolute temperature (ideal gas, radiation) keep none and tell nothing.
+An equation between temperatures does not change if all of them, and no difference, are moved by the same amount. With
+w_j = 1 for a temperature and 0 for a difference, r(T + w c) = r(T) for every residual r and every shift c. This is evaluated
+at random points. Temperatures of nodes are known (w = 1). An equation determines the others if only one choice of 0 and 1
+keeps its residual. Laws that need the absolute temperature (ideal gas, radiation) keep no choice and determine nothing.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def _decided(row: ca.SX, used: Sequence[ca.SX], symbols: Mapping[int, str], numb
 
     def change(choice: Mapping[str, float]) -> NDArray[np.float64]:
         weights = np.array([choice.get(symbols.get(h, ""), found.get(symbols.get(h, ""), 0.0)) for h in hashes])
-        return np.abs(np.array(residual(base + SHIFT * weights[:, None])).ravel() - before)
+        return np.asarray(np.abs(np.array(residual(base + SHIFT * weights[:, None])).ravel() - before))
 
     choices = [dict(zip(names, values, strict=True)) for values in product((0.0, 1.0), repeat=len(names))]
     changes = np.array([change(choice) for choice in choices])
@@ -149,8 +149,8 @@ class TemperatureOrigins:
         return lambda name: self.of_name(scope + name.text)
 
     def of_name(self, path: str) -> float | None:
-        """1 for a variable or parameter that is a temperature, 0 for one that is not; of a parameter that no equation decides
-        by the unit of its value."""
+        """1 for a variable or parameter that is a temperature, 0 for one that is not; of a parameter that no equation
+        determines by the unit of its value."""
         flat = self.flat
         if path in self.found:
             return self.found[path]
@@ -182,8 +182,8 @@ def with_intervals(flat: Flat) -> dict[str, NamedOutput]:
         needed = known.found.get(name, starts.get(name))
         if isinstance(value, FileInput):
             if needed == 0 and counts_from_origin(value.unit):
-                problems.add("unit-offset", f"{name} is a difference of temperatures, and {value.unit} counts from an origin "
-                             "of its own", value.place, hint=f"Write `unit: {interval_unit(value.unit)}`.")
+                problems.add("unit-offset", f"{name} is a difference of temperatures, and {value.unit} counts from an "
+                             "origin of its own", value.place, hint=f"Write `unit: {interval_unit(value.unit)}`.")
             continue
         try:
             weight = check_origins(value.expr, known.lookup(scope))

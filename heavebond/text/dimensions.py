@@ -260,8 +260,8 @@ _WIDTHS = {"deviation", "equivalent_range"}  # of a course: the origin does not 
 
 
 def origins(expr: Expr, lookup: Callable[[Name], float | None]) -> float | None:
-    """How much `expr` rises, in K, if the origin of all temperatures falls by 1 K: 1 for a temperature, 0 for a difference, 2
-    for a sum of two; None if that is not known. `lookup` tells it of a name. A number in K alone may be either."""
+    """How much `expr` rises, in K, if the origin of all temperatures falls by 1 K: 1 for a temperature, 0 for a difference,
+    2 for a sum of two; None if that is not known. `lookup` tells it of a name. A number in K alone may be either."""
     if isinstance(expr, Number):
         if expr.unit is None or expr.unit.dimension != KELVIN:
             return 0.0
@@ -341,10 +341,10 @@ def check_origins(expr: Expr, lookup: Callable[[Name], float | None], *, shown: 
         if isinstance(part, Compare) and has_origin(part):
             left, right = origins(part.left, lookup), origins(part.right, lookup)
             if left is not None and right is not None and left != right:
-                number = next((side for side in (part.left, part.right) if isinstance(side, Number)), None)
+                side = part.left if isinstance(part.left, Number) else part.right
                 raise ExpressionProblem("unit-offset", "a difference of temperatures is compared with a temperature",
-                                        part.column, len(part.op),
-                                        f"Write {_interval(number)}." if number is not None else "Write an interval in K.")
+                                        part.column, len(part.op), f"Write {_interval(side)}."
+                                        if isinstance(side, Number) else "Write an interval in K.")
     return weight
 
 
