@@ -416,8 +416,9 @@ def _check_output(assembly: Assembly, name: str, output: Output, problems: Probl
             reading.add_expression_problem(problem, output.shown.place, problems)
             return
         if weight == 0:
-            problems.add("unit-offset", f"output '{name}' is a difference of temperatures, and {output.shown.unit} counts "
-                         "from an origin of its own", output.place, hint=f"Write `unit: {interval_unit(output.shown.unit)}`.")
+            problems.add("unit-offset", f"output '{name}' is a difference of temperatures; {output.shown.unit} counts "
+                         "from an origin of its own", output.place,
+                         hint=f"Write `unit: {interval_unit(output.shown.unit)}`.")
 
 
 def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) -> None:
