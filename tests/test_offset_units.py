@@ -28,6 +28,8 @@ SIGNALS = PLATE.replace("nodes: {", """  s: {is: TemperatureSensor}
   d: {is: Sum, k_2: -1}
 nodes: {""").replace(
     "a: [a.a, r.a], b: [r.b, b.a]", "a: [a.a, r.a, s.a], b: [r.b, b.a, q.a], s: [s.y, d.u_1], q: [q.y, d.u_2]")
+BEHIND = SIGNALS.replace("d: {is: Sum, k_2: -1}", "d: {is: Sum, k_2: -1}\n  x: {is: Saturation, u_min: -1 K, u_max: 90 K}").replace(
+    "q: [q.y, d.u_2]", "q: [q.y, d.u_2], d: [d.y, x.u]")
 EXPERIMENT = """experiment: plate cooling
 model: plate.yaml
 records: {{train: {{file: rec.csv, use: fit}}}}
@@ -58,6 +60,8 @@ def problem_of(text: str, code: str = "unit-offset") -> str:
     ("max(a.T, b.T) - min(a.T, b.T)", "degC", 60.0, PLATE),
     ("r.Q*r.R", "degC", 60.0, PLATE),
     ("d.y", "degC", 60.0, SIGNALS),
+    ("x.y", "degC", 60.0, BEHIND),
+    ("x.y - 0 K", "degF", 108.0, BEHIND),
 ])
 def test_a_shown_difference_of_temperatures_is_an_interval(formula: str, unit: str, first: float, text: str) -> None:
     run = shown(formula, unit, text)
@@ -96,6 +100,9 @@ def test_a_sum_of_two_temperatures_is_refused(text: str) -> None:
     (SIGNALS.replace("d: {is: Sum, k_2: -1}", "d: {is: SensorOffset, offset: 0.3 degC}").replace(
         ", s: [s.y, d.u_1], q: [q.y, d.u_2]", ", s: [s.y, d.u]").replace("  q: {is: TemperatureSensor}\n", "").replace(
         ", q.a]", "]"), "0.3 K"),
+    (SIGNALS.replace("d: {is: Sum, k_2: -1}",
+                     "d: {is: Sum, k_2: -1}\n  w: {is: Relay, u_on: 5 degC, u_off: 2 K, y_on: 1}").replace(
+        "q: [q.y, d.u_2]", "q: [q.y, d.u_2], d: [d.y, w.u]"), "5 K"),
     (PLATE.replace("initial: {a.T: 80 degC}", "initial: {a.T - b.T: 60 degC}"), "60 K"),
     (PLATE.replace("initial: {a.T: 80 degC}", "initial: {a.T - b.T: ~ 9 degF}"), "5 K"),
 ])

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from heavebond.core.errors import ModelError, Problems
 from heavebond.core.units import Unit, counts_from_origin, interval_text, interval_unit
+from heavebond.equations.events import FlatEvent
 from heavebond.equations.expanded import Bound, Expanded
 from heavebond.equations.parameters import FlatParameter, declared
 from heavebond.equations.resolver import Unknown
@@ -30,7 +31,7 @@ from heavebond.text.dimensions import KELVIN, check_origins, has_origin, origins
 from heavebond.text.expression import Expr, ExpressionProblem, Name, Number, parse_formula
 
 SHIFT = 35.0       # K
-POINTS = 4         # random points at which a residual must not change
+POINTS = 8         # random points at which a residual must not change
 UNDECIDED = 5      # quantities in an equation of which at most that many are decided at once
 ROUNDING = 1e-9    # of the largest change of a residual
 
@@ -63,6 +64,10 @@ class Flat(Protocol):
         """The equations."""
 
     @property
+    def events(self) -> tuple[FlatEvent, ...]:
+        """The events."""
+
+    @property
     def names(self) -> dict[str, int]:
         """The numbers of the variables."""
 
@@ -87,7 +92,8 @@ def origins_of(flat: Flat) -> dict[str, float]:
     unknowns = {s.element_hash() for s in flat.levels[0]}
     numbers = {flat.p[k].element_hash(): q.value for k, q in enumerate(flat.parameters)}
     found = {u.name: 1.0 for u in flat.unknowns if u.name in variables and u.role == "across"}
-    rows = [(row, ca.symvar(row)) for row in flat.residuals]
+    conditions = (event.indicator for event in flat.events if event.indicator is not None)
+    rows = [(row, ca.symvar(row)) for row in (*flat.residuals, *conditions)]
     rows = [(row, used) for row, used in rows if any(s.element_hash() in symbols for s in used)]
     moved = True
     while moved:
@@ -110,8 +116,16 @@ def _decided(row: ca.SX, used: Sequence[ca.SX], symbols: Mapping[int, str], numb
     the sum of two temperatures and its negative."""
     rng = np.random.default_rng(1)
     hashes = [s.element_hash() for s in used]
-    base = np.array([[numbers[h] if h in numbers else rng.uniform(250, 400) if h in symbols else rng.uniform(0.5, 2)
-                      for _ in range(POINTS)] for h in hashes])
+
+    def drawn(h: int) -> list[float]:
+        if h in numbers:
+            return [numbers[h]] * POINTS
+        if h not in symbols:
+            return list(rng.uniform(0.5, 2, POINTS))
+        small = rng.choice((-1.0, 1.0), POINTS) * 10**rng.uniform(-1, 2, POINTS)  # differences of all sizes
+        return list(small if found.get(symbols[h]) == 0 else rng.uniform(250, 400, POINTS))
+
+    base = np.array([drawn(h) for h in hashes])
     residual = ca.Function("residual", [ca.vertcat(*used)], [row])
     before = np.array(residual(base)).ravel()
 
@@ -144,6 +158,11 @@ class TemperatureOrigins:
         """`dimensions.origins` of an expression with names of the diagram."""
         return origins(expr, self.lookup(scope))
 
+    def determined(self, path: str) -> float | None:
+        """That of a variable or parameter, by the equations alone."""
+        flat = self.flat
+        return self.found.get(flat.unknowns[flat.names[path]].name if path in flat.names else path)
+
     def lookup(self, scope: str = "") -> Callable[[Name], float | None]:
         """`of_name` for names inside a part."""
         return lambda name: self.of_name(scope + name.text)
@@ -152,10 +171,10 @@ class TemperatureOrigins:
         """1 for a variable or parameter that is a temperature, 0 for one that is not; of a parameter that no equation
         determines by the unit of its value."""
         flat = self.flat
+        if path in flat.names:
+            return self.determined(path) if flat.unknowns[flat.names[path]].unit.dimension == KELVIN else 0.0
         if path in self.found:
             return self.found[path]
-        if path in flat.names:
-            return None if flat.unknowns[flat.names[path]].unit.dimension == KELVIN else 0.0
         if path in flat.units and flat.units[path].dimension != KELVIN:
             return 0.0
         if path in (show := flat.expanded.model.show):
@@ -179,7 +198,7 @@ def with_intervals(flat: Flat) -> dict[str, NamedOutput]:
     known, problems, shows = flat.origins, Problems(), dict(model.show)
     starts = {name: known.of(parse_formula(name)) for name in model.initial.conditions}
     for name, value, scope in values:
-        needed = known.found.get(name, starts.get(name))
+        needed = starts.get(name) if name in starts else known.determined(name)
         if isinstance(value, FileInput):
             if needed == 0 and counts_from_origin(value.unit):
                 problems.add("unit-offset", f"{name} is a difference of temperatures, and {value.unit} counts from an "

@@ -299,10 +299,10 @@ def _binary_origins(expr: Binary, lookup: Callable[[Name], float | None]) -> flo
         return None if left is None or right is None else left + right if expr.op == "+" else left - right
     if left == 0 and right == 0:
         return 0.0
-    factor = constant(expr.right)
+    factor = constant(expr.right) if right == 0 else None
     if expr.op in "*/" and left is not None and factor:
         return left * factor if expr.op == "*" else left / factor
-    factor = constant(expr.left)
+    factor = constant(expr.left) if left == 0 else None
     return right * factor if expr.op == "*" and right is not None and factor is not None else None
 
 
