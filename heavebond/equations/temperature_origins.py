@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from heavebond.core.errors import ModelError, Problems
 from heavebond.core.units import Unit, counts_from_origin, interval_text, interval_unit
-from heavebond.equations.events import FlatEvent
+from heavebond.equations.events import FlatEvent, Held
 from heavebond.equations.expanded import Bound, Expanded
 from heavebond.equations.parameters import FlatParameter, declared
 from heavebond.equations.resolver import Unknown
@@ -64,6 +64,10 @@ class Flat(Protocol):
         """The equations."""
 
     @property
+    def held(self) -> tuple[Held, ...]:
+        """The variables that only events change."""
+
+    @property
     def events(self) -> tuple[FlatEvent, ...]:
         """The events."""
 
@@ -86,6 +90,7 @@ def origins_of(flat: Flat) -> dict[str, float]:
     variables = {u.name: s for u, s in zip(flat.unknowns, flat.levels[0], strict=True) if u.unit.dimension == KELVIN}
     parameters = {q.name: flat.p[k] for k, q in enumerate(flat.parameters)
                   if q.unit.dimension == KELVIN and not q.name.startswith("initial.")}
+    parameters |= {h.name: flat.p[h.index] for h in flat.held if h.unit.dimension == KELVIN}
     if not variables:
         return {}
     symbols = {s.element_hash(): name for name, s in (*variables.items(), *parameters.items())}
@@ -93,7 +98,8 @@ def origins_of(flat: Flat) -> dict[str, float]:
     numbers = {flat.p[k].element_hash(): q.value for k, q in enumerate(flat.parameters)}
     found = {u.name: 1.0 for u in flat.unknowns if u.name in variables and u.role == "across"}
     conditions = (event.indicator for event in flat.events if event.indicator is not None)
-    rows = [(row, ca.symvar(row)) for row in (*flat.residuals, *conditions)]
+    samples = (flat.p[r.held] - r.value for event in flat.events for r in event.resets if r.held is not None)
+    rows = [(row, ca.symvar(row)) for row in (*flat.residuals, *conditions, *samples)]
     rows = [(row, used) for row, used in rows if any(s.element_hash() in symbols for s in used)]
     moved = True
     while moved:
