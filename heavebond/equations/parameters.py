@@ -413,7 +413,7 @@ class Limits:
 
     def check(self, p: Array, changed: Iterable[str]) -> None:
         """ModelError if the values `p`, of which some are `changed` from those of the diagram, are not allowed."""
-        values, truths = (np.array(found).ravel() for found in self.numbers(p))
+        values, truths = (np.array(column).ravel() for column in self.numbers(p))
         if np.all((values >= self.low) & (values <= self.high)) and np.all(truths):
             return
         pairs = zip(self.parameters.independent, p.tolist(), strict=True)

@@ -96,28 +96,28 @@ def origins_of(flat: Flat) -> dict[str, float]:
     symbols = {s.element_hash(): name for name, s in (*variables.items(), *parameters.items())}
     unknowns = {s.element_hash() for s in flat.levels[0]}
     numbers = {flat.p[k].element_hash(): q.value for k, q in enumerate(flat.parameters)}
-    found = {u.name: 1.0 for u in flat.unknowns if u.name in variables and u.role == "across"}
+    weights = {u.name: 1.0 for u in flat.unknowns if u.name in variables and u.role == "across"}
     conditions = (event.indicator for event in flat.events if event.indicator is not None)
     samples = (flat.p[r.held] - r.value for event in flat.events for r in event.resets if r.held is not None)
     rows = [(row, ca.symvar(row)) for row in (*flat.residuals, *conditions, *samples)]
     rows = [(row, used) for row, used in rows if any(s.element_hash() in symbols for s in used)]
-    moved = True
-    while moved:
-        moved = False
+    progress = True
+    while progress:
+        progress = False
         for row, used in rows:
-            open_names = [symbols[h] for s in used if (h := s.element_hash()) in symbols and symbols[h] not in found]
-            known = [found[symbols[h]] for s in used if (h := s.element_hash()) in symbols and symbols[h] in found]
+            open_names = [symbols[h] for s in used if (h := s.element_hash()) in symbols and symbols[h] not in weights]
+            known = [weights[symbols[h]] for s in used if (h := s.element_hash()) in symbols and symbols[h] in weights]
             alone = all(s.element_hash() in symbols for s in used if s.element_hash() in unknowns)
             if not 0 < len(open_names) <= UNDECIDED or not known or not (alone or 1.0 in known):
                 continue
-            decided = _decided(row, used, symbols, numbers, found, open_names)
-            found.update(decided)
-            moved = moved or bool(decided)
-    return found
+            decided = _decided(row, used, symbols, numbers, weights, open_names)
+            weights.update(decided)
+            progress = progress or bool(decided)
+    return weights
 
 
 def _decided(row: ca.SX, used: Sequence[ca.SX], symbols: Mapping[int, str], numbers: Mapping[int, float],
-             found: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
+             weights: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
     """The names that have the same value in all choices of 0 and 1 which keep a residual; for a single name also 2 and -1,
     the sum of two temperatures and its negative."""
     rng = np.random.default_rng(1)
@@ -129,15 +129,15 @@ def _decided(row: ca.SX, used: Sequence[ca.SX], symbols: Mapping[int, str], numb
         if h not in symbols:
             return list(rng.uniform(0.5, 2, POINTS))
         small = rng.choice((-1.0, 1.0), POINTS) * 10**rng.uniform(-1, 2, POINTS)  # differences of all sizes
-        return list(small if found.get(symbols[h]) == 0 else rng.uniform(250, 400, POINTS))
+        return list(small if weights.get(symbols[h]) == 0 else rng.uniform(250, 400, POINTS))
 
     base = np.array([drawn(h) for h in hashes])
     residual = ca.Function("residual", [ca.vertcat(*used)], [row])
     before = np.array(residual(base)).ravel()
 
     def change(choice: Mapping[str, float]) -> NDArray[np.float64]:
-        weights = np.array([choice.get(symbols.get(h, ""), found.get(symbols.get(h, ""), 0.0)) for h in hashes])
-        return np.asarray(np.abs(np.array(residual(base + SHIFT * weights[:, None])).ravel() - before))
+        steps = SHIFT * np.array([choice.get(symbols.get(h, ""), weights.get(symbols.get(h, ""), 0.0)) for h in hashes])
+        return np.asarray(np.abs(np.array(residual(base + steps[:, None])).ravel() - before))
 
     choices = [dict(zip(names, values, strict=True)) for values in product((0.0, 1.0), repeat=len(names))]
     changes = np.array([change(choice) for choice in choices])
@@ -158,7 +158,7 @@ class TemperatureOrigins:
     def __init__(self, flat: Flat):
         self.flat = flat
         self.bounds: dict[str, Bound] = {name: bound for name, bound, _ in declared(flat.expanded)}
-        self.found = origins_of(flat)
+        self.weights = origins_of(flat)
 
     def of(self, expr: Expr, scope: str = "") -> float | None:
         """`dimensions.origins` of an expression with names of the diagram."""
@@ -167,7 +167,7 @@ class TemperatureOrigins:
     def determined(self, path: str) -> float | None:
         """That of a variable or parameter, by the equations alone."""
         flat = self.flat
-        return self.found.get(flat.unknowns[flat.names[path]].name if path in flat.names else path)
+        return self.weights.get(flat.unknowns[flat.names[path]].name if path in flat.names else path)
 
     def lookup(self, scope: str = "") -> Callable[[Name], float | None]:
         """`of_name` for names inside a part."""
@@ -179,8 +179,8 @@ class TemperatureOrigins:
         flat = self.flat
         if path in flat.names:
             return self.determined(path) if flat.unknowns[flat.names[path]].unit.dimension == KELVIN else 0.0
-        if path in self.found:
-            return self.found[path]
+        if path in self.weights:
+            return self.weights[path]
         if path in flat.units and flat.units[path].dimension != KELVIN:
             return 0.0
         if path in (show := flat.expanded.model.show):

@@ -106,7 +106,7 @@ class Assembly:
     def parameter_indices(self, names: Iterable[str]) -> list[int]:
         """The places of independent parameters in p; UsageError for a name that cannot be set."""
         index = self.once("parameter indices", lambda: {q.name: k for k, q in enumerate(self.flat.parameters)})
-        found = []
+        indices = []
         for name in names:
             if name not in index:
                 held = any(name == h.name for h in self.flat.held)
@@ -114,8 +114,8 @@ class Assembly:
                 hint = f"What it starts at is called 'initial.{name}'." if held else \
                     "It follows from other parameters by a formula." if dependent else suggest(name, index) or NAMES_LISTED
                 raise UsageError([Problem("parameter-unknown", f"'{name}' cannot be set", None, hint)])
-            found.append(index[name])
-        return found
+            indices.append(index[name])
+        return indices
 
     def _number(self, name: str, given: float | str, index: int) -> float:
         if not isinstance(given, str):

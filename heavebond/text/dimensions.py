@@ -273,17 +273,17 @@ def origins(expr: Expr, lookup: Callable[[Name], float | None]) -> float | None:
         return None if inner is None else -inner
     if isinstance(expr, Binary):
         return _binary_origins(expr, lookup)
-    found = [origins(child, lookup) for child in children(expr)]
+    weights = [origins(child, lookup) for child in children(expr)]
     if isinstance(expr, Call):
         if expr.function in ("der", "sign", *_WIDTHS):
             return 0.0
         if expr.function == "if_else":
-            found = found[1:]
-        same = bool(found) and len(set(found)) == 1
-        if same and (found[0] == 0 or expr.function in _SAME_ORIGIN):
-            return found[0]
+            weights = weights[1:]
+        same = bool(weights) and len(set(weights)) == 1
+        if same and (weights[0] == 0 or expr.function in _SAME_ORIGIN):
+            return weights[0]
         return None
-    return 0.0 if isinstance(expr, FunctionCall) and all(weight == 0 for weight in found) else None
+    return 0.0 if isinstance(expr, FunctionCall) and all(weight == 0 for weight in weights) else None
 
 
 _SAME_ORIGIN = {"min", "max", "if_else", "abs", "smooth_abs", "mean", "rms", "peak", "final", "highest", "lowest", "largest",
