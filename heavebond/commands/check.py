@@ -106,14 +106,14 @@ def _check_experiment(path: Path) -> dict[str, object]:
     from heavebond.estimation.comparison import assemble_for
     from heavebond.estimation.experiment import load_experiment
     from heavebond.estimation.records import Measured, measure
-    from heavebond.estimation.residuals import starts_outside
+    from heavebond.estimation.residuals import columns_of, starts_outside
 
     experiment, problems, found = load_experiment(path), Problems(), dict[str, Measured]()
     with working("reading the records"):
         experiment = with_channel_noise(experiment)
         for name, record in experiment.records.items():
             try:
-                problems.extend(UsageError(starts_outside(experiment, assemble_for(experiment, record))))
+                problems.extend(UsageError(starts_outside(columns_of(experiment, {name: assemble_for(experiment, record)}))))
                 found[name] = measure(experiment, record)
             except HeavebondError as error:
                 problems.extend(error)

@@ -47,7 +47,7 @@ def at_fit(experiment: Experiment, fitted: Fit | None) -> Experiment:
     """The experiment with the fitted values in its diagram; what is free keeps the value that was written there."""
     if fitted is None:
         return experiment
-    before = {p.name: p.before for p in fitted.parameters}
+    before = {p.name: p.before for p in fitted.parameters if not p.record}  # a record keeps its own value
     free = {name: replace(f, given=before.get(name)) if f.given is None else f for name, f in experiment.free.items()}
     return replace(experiment, model=experiment.model.with_parameters(fitted.values), free=free)
 

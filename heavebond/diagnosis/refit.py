@@ -161,8 +161,10 @@ def refitted_from(base: Base, candidate: Candidate, lender: Refit, progress: Pro
     try:
         refit = _RefitProblem(base, candidate, ())
         refit.sought({name: ranges[key] for name in refit.ranges if (key := name.rpartition(".")[2]) in ranges})
-        values = {**base.problem.values_of(base.inner, base.problem.runs[0].record.name), **_lent(lender, candidate)}
-        there = [c.inner(values.get(c.free.name, c.before)) for c in refit.problem.columns]
+        lent, first = _lent(lender, candidate), base.problem.runs[0].record.name
+        values = {name: {**base.problem.values_of(base.inner, name or first), **lent}
+                  for name in {c.record for c in refit.problem.columns}}
+        there = [c.inner(values[c.record].get(c.free.name, c.before)) for c in refit.problem.columns]
         start = refit.problem.allowed(np.clip(there, refit.problem.low, refit.problem.high))
         return refit.judged(refit.arrive(start, progress or (lambda text: None)))
     except HeavebondError:

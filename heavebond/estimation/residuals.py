@@ -197,17 +197,27 @@ class Run:
         return found[:, self.counts] / self.noise[self.counts]
 
 
-def starts_outside(experiment: Experiment, assembly: Assembly) -> list[Problem]:
-    """A problem for each free parameter whose value in the diagram is outside its range."""
+def columns_of(experiment: Experiment, assemblies: Mapping[str, Assembly]) -> list[Column]:
+    """The unknowns of a fit of some records, given the assembly of each by its name. What every record has of its own
+    begins at the value of that record."""
+    first = next(iter(assemblies.values()))
+    units = {q.name: q.unit.text for q in first.flat.parameters}
+    return [Column(free, name, assembly.parameter_values[free.name], units[free.name])
+            for free in experiment.free.values() for name, assembly in (assemblies if free.each else {"": first}).items()]
+
+
+def starts_outside(columns: Sequence[Column]) -> list[Problem]:
+    """A problem for each free parameter whose value in the diagram, or at its record, is outside its range."""
     found = []
-    for free in experiment.free.values():
-        value, bounds, scale = assembly.parameter_values[free.name], free.range, free.range.unit
+    for column in columns:
+        free, value, bounds, scale = column.free, column.before, column.free.range, column.free.range.unit
+        where = f"record {column.record}" if column.record else "the diagram"
         rounding = 1e-9 * (bounds.high - bounds.low)  # a value that a fit left at the end of its range is inside
         if not bounds.low - rounding <= value <= bounds.high + rounding:
             found.append(Problem(
-                "free-start-outside", f"{free.name} is {scale.from_si(value):.6g} {scale.text} in the diagram, outside its "
+                "free-start-outside", f"{free.name} is {scale.from_si(value):.6g} {scale.text} in {where}, outside its "
                 f"range {scale.from_si(bounds.low):.6g} .. {scale.from_si(bounds.high):.6g} {scale.text}", free.place,
-                "Widen the range, or change the value in the diagram."))
+                f"Widen the range, or change the value in {where}."))
     return found
 
 
@@ -225,12 +235,7 @@ class Residuals:
         names = list(experiment.free)
         self.runs = list(runs) if runs is not None else [Run(experiment, record, names, tolerances, kind=FitSimulator)
                                                          for record in chosen]
-        first = self.runs[0].assembly
-        units = {q.name: q.unit.text for q in first.flat.parameters}
-        self.columns: list[Column] = []
-        for free in experiment.free.values():
-            for record in ([r.record.name for r in self.runs] if free.each else [""]):
-                self.columns.append(Column(free, record, first.parameter_values[free.name], units[free.name]))
+        self.columns = columns_of(experiment, {run.record.name: run.assembly for run in self.runs})
         self.low = np.array([c.inner(c.free.range.low) for c in self.columns])
         self.high = np.array([c.inner(c.free.range.high) for c in self.columns])
         self.orders = self._orders()
@@ -240,7 +245,7 @@ class Residuals:
                 self.high[low] = self.columns[low].inner(most)
         self.evaluations = 0
         self._known: dict[bytes, tuple[Array, Array]] = {}
-        if outside := starts_outside(experiment, first):
+        if outside := starts_outside(self.columns):
             raise UsageError(outside)
 
     def _orders(self) -> list[tuple[int, int]]:
@@ -279,7 +284,7 @@ class Residuals:
 
     @property
     def start(self) -> Array:
-        """The values of the diagram."""
+        """The values of the diagram, and of each record where these are its own."""
         return np.array([c.inner(c.before) for c in self.columns])
 
     @property
