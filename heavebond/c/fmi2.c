@@ -87,6 +87,8 @@ EXPORT fmi2Status fmi2SetupExperiment(fmi2Component instance, fmi2Boolean has_to
 EXPORT fmi2Status fmi2ExitInitializationMode(fmi2Component instance) {
   Model *model = instance;
   bool changed; /* in model exchange, what happens at the start is left to fmi2NewDiscreteStates */
+  const char *wrong = end_start(&model->now);
+  if (wrong) return judge(model, wrong);
   return model->model_exchange ? fmi2OK : judge(model, update(&model->now, &changed));
 }
 
@@ -146,8 +148,9 @@ EXPORT fmi2Status fmi2SetContinuousStates(fmi2Component instance, const double x
 
 EXPORT fmi2Status fmi2GetContinuousStates(fmi2Component instance, double x[], size_t n) {
   if (n != model_n_x) return fail(instance, fmi2Error, "the number of states is another");
+  const char *wrong = solve_start(&((Model *)instance)->now);
   memcpy(x, ((Model *)instance)->now.x, sizeof(double) * n);
-  return fmi2OK;
+  return judge(instance, wrong);
 }
 
 EXPORT fmi2Status fmi2GetDerivatives(fmi2Component instance, double dx[], size_t n) {

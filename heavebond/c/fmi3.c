@@ -86,6 +86,8 @@ EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, bool has_to
 EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
   Model *model = instance;
   bool changed; /* in event mode, what happens at the start is left to fmi3UpdateDiscreteStates */
+  const char *wrong = end_start(&model->now);
+  if (wrong) return judge(model, wrong);
   return model->event_mode ? fmi3OK : judge(model, update(&model->now, &changed));
 }
 
@@ -134,8 +136,9 @@ EXPORT fmi3Status fmi3SetContinuousStates(fmi3Instance instance, const double x[
 
 EXPORT fmi3Status fmi3GetContinuousStates(fmi3Instance instance, double x[], size_t n) {
   if (n != model_n_x) return fail(instance, fmi3Error, "the number of states is another");
+  const char *wrong = solve_start(&((Model *)instance)->now);
   memcpy(x, ((Model *)instance)->now.x, sizeof(double) * n);
-  return fmi3OK;
+  return judge(instance, wrong);
 }
 
 EXPORT fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance instance, double dx[], size_t n) {

@@ -48,6 +48,7 @@ typedef struct {
   double t, x[model_n_x + 1], dx[model_n_x + 1], z[model_n_z + 1], p[model_n_p + 1], u[model_n_u + 1], y[model_n_y + 1];
   double step, tolerance; /* of the integrator of co-simulation */
   bool fresh;             /* whether dx, z and y belong to the rest */
+  bool starting, own;     /* whether the start of the diagram follows parameters and inputs; unless a state was set */
   Happened events;
 } Values;
 
@@ -66,6 +67,7 @@ static const char NO_KNOWN[] = "derivatives are taken by the time, states, param
 static const char NO_UNKNOWN[] = "derivatives are known of the states' derivatives and of the outputs only";
 static const char NO_STEP[] = "the integration does not get any further";
 static const char NO_PERIOD[] = "an event would be repeated after a period that is not positive";
+static const char NO_START[] = "the diagram has no start with these parameters and inputs that continues the exported one";
 static const char CASCADE[] = "events set off each other without end";
 static const char CHATTER[] = "events follow each other without end";
 static const char IMPULSE[] = "an event makes jump what the equations differentiate";
@@ -84,13 +86,18 @@ static void begin(Values *now) {
   memcpy(now->u, model_u_start, sizeof(double) * model_n_u);
   now->tolerance = 1e-9;
   now->events.span = model_span;
+  now->starting = model_n_s > 0;
   for (k = 0; k < model_n_e; ++k) now->events.last[k] = -INFINITY;
 }
 
+#include "fmu_start.c"
+
 /* Rates, outputs and algebraic unknowns of the present values; what is wrong, or NULL. */
 static const char *evaluate(Values *now) {
+  const char *wrong;
   int k;
   if (now->fresh) return NULL;
+  if ((wrong = solve_start(now)) != NULL) return wrong;
   if (model_evaluate(now->t, now->x, now->z, now->p, now->u, now->dx, now->y)) {
     memcpy(now->z, model_z_start, sizeof(double) * model_n_z); /* try from the first guess, once */
     if (model_evaluate(now->t, now->x, now->z, now->p, now->u, now->dx, now->y)) return NO_SOLUTION;
@@ -121,7 +128,7 @@ static const char *get_values(Values *now, const Reference references[], size_t 
       values[k] = indicators[i - INDICATORS];
       continue;
     }
-    if ((i >= RATES && i < PARAMETERS) || i >= OUTPUTS) {
+    if ((i >= RATES && i < PARAMETERS) || i >= OUTPUTS || (now->starting && i >= STATES && i < INPUTS)) {
       const char *wrong = evaluate(now);
       if (wrong) return wrong;
     }
@@ -136,6 +143,10 @@ static const char *set_values(Values *now, const Reference references[], size_t 
   for (k = 0; k < n; ++k) {
     int i = (int)references[k];
     if (references[k] >= OUTPUTS || i == TIME || (i >= RATES && i < PARAMETERS)) return NO_SETTING;
+    if (now->starting && i < RATES) { /* to set a state to the value of the export is no wish for it */
+      if (values[k] == model_x_start[i - STATES] && !now->own) continue;
+      now->own = true;
+    }
     *(i < RATES ? &now->x[i - STATES] : i < INPUTS ? &now->p[i - PARAMETERS] : &now->u[i - INPUTS]) = values[k];
     if (i >= PARAMETERS && i < INPUTS) now->events.timed = false;
   }
@@ -184,6 +195,13 @@ static const char *derivative(Values *now, const Reference unknowns[], size_t n_
                    : along.indicators[i - INDICATORS];
   }
   return NULL;
+}
+
+/* The end of the initialisation: from here on states, parameters and inputs are what they are. */
+static const char *end_start(Values *now) {
+  const char *wrong = solve_start(now);
+  now->starting = false;
+  return wrong;
 }
 
 #include "fmu_events.c"

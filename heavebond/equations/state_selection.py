@@ -15,7 +15,7 @@ from heavebond.equations.constraint_projection import constraint_equations
 from heavebond.equations.flatten import Flat
 from heavebond.equations.matching import components_of
 from heavebond.equations.resolver import Resolver
-from heavebond.language.symbols import stack, uniform
+from heavebond.language.symbols import split, stack, uniform
 
 Array = NDArray[np.float64]
 Column = tuple[int, int]  # (unknown, order of its derivative)
@@ -235,6 +235,11 @@ class InitialGuess:
         values = self._declared.copy()
         values[self._asked] = self._values(p)["o0"].ravel()
         return values
+
+    def columns(self, columns: Sequence[tuple[int, int]]) -> ca.SX:
+        """The values of unknowns by number and order of derivative, as expressions of the parameters; a rate is 0."""
+        asked = dict(zip(self._asked, split(self.expressions), strict=True))
+        return stack([asked.get(j, ca.SX(self._declared[j])) if order == 0 else ca.SX(0) for j, order in columns])
 
     def slopes(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
         """How they move with the parameters, (n, n_p)."""

@@ -43,11 +43,11 @@ def c_text(made: Portable, prefix: str, *, whole: bool = False) -> str:
     generator = ca.CodeGenerator(prefix, {"with_header": False, "casadi_int": "int"})
     generator.add(made.equations)
     if whole:
-        for function in (made.directions, made.jacobian, made.happenings, made.instants):
+        for function in (made.directions, made.jacobian, made.happenings, made.instants, made.starting.conditions):
             generator.add(function)
     evaluate = (SOURCES / "evaluate.c").read_text(encoding="utf-8")
     return "\n".join([_head(made, prefix), _used(generator.dump()), *_arrays(made, prefix),
-                      *(_event_arrays(made, prefix) if whole else []), evaluate.replace("MODEL", prefix)])
+                      *([*_event_arrays(made, prefix), *_start_arrays(made, prefix)] if whole else []), evaluate.replace("MODEL", prefix)])
 
 
 UNUSED = ("arg", "res", "iw", "w", "mem")  # arguments that CasADi gives to every function
@@ -119,3 +119,18 @@ def _event_arrays(made: Portable, prefix: str) -> list[str]:
           for name, found in numbers.items()),
         f"static const double {prefix}_f_size[] = {{{', '.join(map(repr, made.sizes or (0.0,)))}}};",
         f"static const double {prefix}_span = {float(times[-1] - times[0]) or 1.0!r}; /* s; of the run of the diagram */"]
+
+
+def _start_arrays(made: Portable, prefix: str) -> list[str]:
+    """The sizes of the conditions of the start, 0 where nothing that can be set changes it; and on what it depends."""
+    starting = made.starting
+    conditions, _, guesses = (starting.conditions.numel_out(k) for k in range(3))
+    counts = (conditions, guesses, len(starting.solved_for), int(starting.square)) if starting.follows else (0, 0, 0, 0)
+    numbers = {"solved": starting.solved_for, "by_p": [int(b) for b in starting.by_parameters],
+               "by_u": [int(b) for b in starting.by_inputs]}
+    return [
+        "enum { " + ", ".join(f"{prefix}_{name} = {count}" for name, count in zip(
+            ("n_s", "n_a", "n_q", "start_square"), counts, strict=True)) + " };",
+        *(f"static const int {prefix}_start_{name}[] = {{{', '.join(map(str, found or [0]))}}};"
+          for name, found in numbers.items()),
+        f"static const double {prefix}_start_size[] = {{{', '.join(map(repr, starting.sizes or (1.0,)))}}};"]

@@ -112,8 +112,10 @@ class _Variables3:
         names |= {held.name for held in made.held.values()}
         self.add("time", 0, "independent", "continuous", description="time in s")
         first, n_x = 1, len(made.states)
+        solved = list(range(first, first + n_x)) if made.starting.follows else []  # what the initialisation may change
         for k, q in enumerate(made.states):
-            self.add(q.name, first + k, "local", "continuous", initial="exact", **_told(q), nominal=repr(q.nominal))
+            self.add(q.name, first + k, "local", "continuous", initial="approx" if solved else "exact", **_told(q),
+                     nominal=repr(q.nominal))
         for k, (name, unit) in enumerate(rates):
             self.add(name, first + n_x + k, "local", "continuous", initial="calculated", unit=unit_name(unit),
                      derivative=str(first + k))
@@ -133,7 +135,8 @@ class _Variables3:
             self.add(name, first + k, "output", "continuous", initial="calculated", unit=unit_name(q.unit),
                      description=q.doc)
         outputs = list(range(first, first + len(made.outputs)))
-        self.structured(list(range(1 + n_x, 1 + 2 * n_x)), outputs, self.conditions(made, first + len(made.outputs)))
+        self.structured(solved, list(range(1 + n_x, 1 + 2 * n_x)), outputs,
+                        self.conditions(made, first + len(made.outputs)))
 
     def conditions(self, made: Portable, first: int) -> list[int]:
         """The event indicators as variables, and their value references."""
@@ -143,10 +146,11 @@ class _Variables3:
                      description=f"above 0 where this is true: {event.text}")
         return list(range(first, first + len(found)))
 
-    def structured(self, rates: list[int], outputs: list[int], indicators: list[int]) -> None:
-        """Outputs, derivatives of states, what is unknown at the start, and event indicators, by value references."""
+    def structured(self, solved: list[int], rates: list[int], outputs: list[int], indicators: list[int]) -> None:
+        """Outputs, derivatives of states, what is unknown at the start (also the states that are solved for), and event
+        indicators, by value references."""
         for kind, references in (("Output", outputs), ("ContinuousStateDerivative", rates),
-                                 ("InitialUnknown", [*rates, *outputs]), ("EventIndicator", indicators)):
+                                 ("InitialUnknown", [*solved, *rates, *outputs]), ("EventIndicator", indicators)):
             for reference in references:
                 Xml.SubElement(self.structure, kind, {"valueReference": str(reference)})
 
@@ -170,9 +174,9 @@ class _Variables2(_Variables3):
     def conditions(self, made: Portable, first: int) -> list[int]:
         return []  # the indicators are no variables
 
-    def structured(self, rates: list[int], outputs: list[int], indicators: list[int]) -> None:
+    def structured(self, solved: list[int], rates: list[int], outputs: list[int], indicators: list[int]) -> None:
         for kind, references in (("Outputs", outputs), ("Derivatives", rates),
-                                 ("InitialUnknowns", sorted([*rates, *outputs], key=lambda r: self.index[r]))):
+                                 ("InitialUnknowns", sorted([*solved, *rates, *outputs], key=lambda r: self.index[r]))):
             if references:
                 group = Xml.SubElement(self.structure, kind)
                 for reference in references:

@@ -27,10 +27,13 @@ from heavebond.language.symbols import split, stack
 from heavebond.numerics.co_simulation import foreign_parts
 from heavebond.numerics.dae import Array, Assembly, assemble, build
 from heavebond.numerics.impulses import yielding
-from heavebond.numerics.initialise import Start, start
+from heavebond.numerics.initialise import Start, held_still, start
 from heavebond.numerics.inputs import pieced
 from heavebond.numerics.jumps import differentiated
+from heavebond.numerics.matrices import null_space, scaled
+from heavebond.numerics.newton import weights
 from heavebond.numerics.result import signal_expression
+from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquations
 
 AT_ONCE = 1e-6  # s; of the records only the beginning is needed
 DERIVED = ("scale.", "initial.")  # parameters of a run, not of the machine
@@ -47,6 +50,26 @@ class Quantity:
     low: float = -inf
     high: float = inf
     nominal: float = 1.0
+
+
+@dataclass(frozen=True)
+class StartConditions:
+    """The conditions of the start, for values that are set before it: `conditions` is (t, x, z, p, u) -> (residuals, their
+    gradients by rows, the same of the guesses, the guesses of x and z). The unknowns are x, z and the parameters `solved_for`,
+    of the usual `sizes`. `by_parameters` and `by_inputs` tell which values the start depends on; `square` whether its
+    conditions determine all unknowns."""
+
+    conditions: ca.Function
+    solved_for: tuple[int, ...]
+    sizes: tuple[float, ...]
+    by_parameters: tuple[bool, ...]
+    by_inputs: tuple[bool, ...]
+    square: bool
+
+    @property
+    def follows(self) -> bool:
+        """Whether the start depends on anything that can be set."""
+        return any((*self.by_parameters, *self.by_inputs))
 
 
 @dataclass(frozen=True)
@@ -71,6 +94,7 @@ class Portable:
     happenings: ca.Function
     instants: ca.Function
     sizes: tuple[float, ...]
+    starting: StartConditions
 
     @property
     def events(self) -> tuple[FlatEvent, ...]:
@@ -190,12 +214,41 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
     instants = ca.Function(f"{prefix}instants", [p], [ca.densify(assembly.express(stack(
         ca.SX(0) if e is None else e for e in found))) for found in (
             [event.first for event in flat.events], [event.period for event in flat.events])])
+    starting = _start_conditions(assembly, first, column, symbols, u, f"{prefix}starting")
     return Portable(assembly, _columns(assembly, assembly.reduced.states, first.x, assembly.x_nominal),
                     _columns(assembly, assembly.reduced.algebraic, first.z, assembly.z_nominal),
                     _parameters(assembly, first), tuple(not q.name.startswith(DERIVED) for q in flat.parameters),
                     tuple(_input(assembly, k, order, column) for k, order in kept),
                     tuple(_outputs(assembly, shown, outputs, first, column)), equations, directions, by_all,
-                    happening, instants, tuple(float(flat.unknowns[j].nominal) for j in followed))
+                    happening, instants, tuple(float(flat.unknowns[j].nominal) for j in followed), starting)
+
+
+def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: list[ca.SX], u: ca.SX, label: str
+                      ) -> StartConditions:
+    """The conditions of the start in the arguments of an export; a steady start holds the inputs still."""
+    flat, equations = assembly.flat, StartEquations(assembly)
+    t, x, z, p, pieces, rate = assembly.arguments
+    whole = equations.conditions if first.in_turn else equations.all
+    aims = (equations.aims if first.in_turn else equations.approach) if equations.guesses else None
+    guesses = equations.guess.columns([(j, order) for j, order in (*assembly.reduced.states, *assembly.reduced.algebraic)])
+    sides = [whole.residuals, whole.slopes, *((aims.residuals, aims.slopes) if aims else (ca.SX(0, 1), ca.SX(0, 1)))]
+    given = stack([t, *(stack([s[0], 0, 0, 0]) if equations.steady else s / ca.SX(ca.DM([1, 1, 2, 6])) for s in symbols)])
+    sides = ca.substitute([*sides, guesses], [pieces, rate],
+                          [given if flat.inputs else pieces, ca.SX(0 if equations.steady else 1)])
+    used = {s.element_hash() for side in sides for s in ca.symvar(side)}
+    fixed = {*equations.solved_for, *(held.index for held in flat.held)}
+    by_parameters = tuple(s.element_hash() in used and k not in fixed and not name.startswith(DERIVED)
+                          for k, (name, s) in enumerate(zip(assembly.parameter_names, split(p), strict=True)))
+    by_inputs = tuple(s.element_hash() in used for s in split(u))
+    point = Point(first.t, first.x, first.z, first.p, held_still(column, first.t) if equations.steady else column,
+                  0.0 if equations.steady else 1.0)
+    sizes, gradients = equations.sizes(first.p), whole.at(point)[1]
+    square = gradients.shape[0] == gradients.shape[1] and not null_space(
+        scaled(gradients, weights(np.ones(len(sizes)), scaled(gradients, None, sizes)), sizes), INITIALISATION.undetermined).size
+    columns = [ca.densify(sides[0]), ca.vec(ca.densify(sides[1]).T), ca.densify(sides[2]), ca.vec(ca.densify(sides[3]).T),
+               ca.densify(sides[4])]
+    return StartConditions(ca.Function(label, [t, x, z, p, u], ca.cse(columns)), tuple(equations.solved_for),
+                           tuple(sizes.tolist()), by_parameters, by_inputs, bool(square))
 
 
 def derived(base: Unit, order: int) -> Unit:

@@ -102,9 +102,9 @@ class StartSystem:
         """`slopes` are the Jacobian where it is known."""
         self.rows = rows
         self._arguments = list(assembly.arguments)
-        self._residuals, self._unknowns = stack([r.residual for r in rows]), unknowns
-        self.slopes = jacobian(self._residuals, unknowns) if slopes is None else slopes
-        self._function = ca.Function("start", self._arguments, [self._residuals, self.slopes])
+        self.residuals, self._unknowns = stack([r.residual for r in rows]), unknowns
+        self.slopes = jacobian(self.residuals, unknowns) if slopes is None else slopes
+        self._function = ca.Function("start", self._arguments, [self.residuals, self.slopes])
         self._large = unknowns.numel() >= MATRICES.sparse_from
         self._buffered = Buffered(self._function, sparse=self._large)
 
@@ -123,12 +123,12 @@ class StartSystem:
         """Whether the residuals are straight lines in the unknowns, whatever else they contain: then one step of Newton's
         method tells all."""
         corners = {self._function.instruction_id(k) for k in range(self._function.n_instructions())} & CORNERS
-        return not corners and not any(ca.which_depends(self._residuals, self._unknowns, 2, True))
+        return not corners and not any(ca.which_depends(self.residuals, self._unknowns, 2, True))
 
     @cached_property
     def _rounded(self) -> tuple[SmoothedColumn, ca.Function, ca.Function]:
         """The residuals with rounded corners: their values and Jacobian, and the Jacobian of what is zero at the corners."""
-        found = rounded(self._residuals, self._arguments)
+        found = rounded(self.residuals, self._arguments)
         arguments = [*self._arguments, found.widths]
         return (found, ca.Function("rounded", arguments, [found.column, ca.jacobian(found.column, self._unknowns)]),
                 ca.Function("corners", arguments, [ca.jacobian(found.at, self._unknowns)]))
@@ -155,7 +155,7 @@ class StartSystem:
     def _slopes(self) -> ca.Function:
         _, x, _, p, _, _ = self._arguments
         return ca.Function("slopes", self._arguments,
-                           [ca.jacobian(self._residuals, p), ca.jacobian(self._residuals, x)])
+                           [ca.jacobian(self.residuals, p), ca.jacobian(self.residuals, x)])
 
     def moved(self, point: Point, dp: Array, dx: Array | None = None) -> Array:
         """Change of the residuals (m, k) while p moves along dp (n_p, k) and x along dx (n_x, k)."""
