@@ -1,0 +1,67 @@
+"""A steady start of a machine with several equilibria: the nearest to the guess, and what the verdict says of an unstable one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import heavebond as hb
+from heavebond.language.model import loads
+from heavebond.numerics.initialise import start
+
+PENDULUM = """
+model: pendulum
+components:
+  wall: {is: FixedShaft}
+  arm:  {is: ArmWeight, m: 1 kg, l: 0.5 m, g: 9.81 m/s**2}
+  rot:  {is: Inertia, J: 0.3 kg*m**2}
+  damp: {is: RotationalDamper, d: 0.5 N*m*s/rad}
+nodes:
+  wall:  [wall.a, damp.a]
+  shaft: [damp.b, arm.a, rot.a]
+initial: {start: steady, shaft.phi: ~ GUESS rad}
+simulate: {until: 0.1 s, every: 10 ms}
+"""
+# a bistable spring: k (x**3/m**2 - x) = 0 at -1, 0 (unstable) and 1 m
+BISTABLE = """
+model: bistable
+components:
+  wall:  {is: Fixed}
+  damp:  {is: Damper, d: 30 N*s/m}
+  load:  {is: Mass, m: 10 kg}
+  push:  {is: ForceSource, u: "=100 N/m*(load.x - load.x**3/1 m**2)"}
+nodes: {wall: [wall.a, damp.a], load: [damp.b, load.a, push.a]}
+initial: {start: steady, load.x: ~ GUESS m}
+simulate: {until: 0.1 s, every: 10 ms}
+"""
+FAR = pytest.mark.xfail(strict=True, reason="Newton's method goes to another equilibrium")
+CASES = [*((PENDULUM, "shaft.phi", guess, angle) for guess, angle in (
+            (0.3, 0.0), (1.5, 0.0), (1.65, np.pi), (2.0, np.pi), (4.6, np.pi), (1.57, 0.0))),
+         *((BISTABLE, "load.x", guess, place) for guess, place in ((0.3, 0.0), (0.56, 1.0), (0.9, 1.0), (-0.56, -1.0), (-3.0, -1.0)))]
+
+
+@pytest.mark.parametrize(("diagram", "name", "guess", "expected"), [
+    pytest.param(*case, marks=FAR if case[2] in (1.5, 1.65, 4.6, 1.57, 0.56, -0.56) else ()) for case in CASES])
+def test_a_steady_start_takes_the_equilibrium_nearest_to_the_guess(diagram: str, name: str, guess: float, expected: float) -> None:
+    found = start(hb.assemble(loads(diagram.replace("GUESS", repr(guess)))))
+    place = next(line.used for line in found.table if line.name == name)
+    assert place == pytest.approx(expected, abs=1e-6)  # the start is solved to 1e-9 of the usual sizes of forces
+
+
+@pytest.mark.xfail(strict=True, reason="the verdict is clean")
+@pytest.mark.parametrize(("diagram", "name", "guess", "others"), [(PENDULUM, "shaft.phi", 3.0, "0 rad or 6.28"),
+                                                                   (BISTABLE, "load.x", 0.0, "-1 m or 1 m")])
+def test_the_verdict_names_an_unstable_steady_start_and_the_equilibria_beside_it(diagram: str, name: str, guess: float, others: str
+                                                                                 ) -> None:
+    with pytest.warns(hb.RunWarning, match=f"{name}.*unstable") as told:
+        run = hb.simulate(loads(diagram.replace("GUESS", repr(guess))))
+    assert run.verdict.findings[0].kind == "unstable-start" and not run.verdict.failed
+    assert others in str(told[0].message)
+
+
+def test_a_stable_steady_start_and_a_machine_that_is_free_to_move_get_no_such_warning() -> None:
+    """A mass without a spring has the eigenvalue 0, an undamped one eigenvalues whose real parts are rounding."""
+    free = PENDULUM.replace("  arm:  {is: ArmWeight, m: 1 kg, l: 0.5 m, g: 9.81 m/s**2}\n", "").replace("arm.a, ", "")
+    for diagram, initial in ((PENDULUM, ""), (PENDULUM.replace("0.5 N*m*s/rad", "0 N*m*s/rad"), ""), (free, "shaft.phi: 0.2 rad")):
+        text = diagram.replace("shaft.phi: ~ GUESS rad", initial or "shaft.phi: ~ 0.1 rad")
+        assert hb.simulate(loads(text)).verdict.status == "clean"
