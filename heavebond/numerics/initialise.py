@@ -17,6 +17,8 @@ from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquat
 
 # widths of regularised laws are narrowed from this many times their size
 WIDENINGS = (1e4, 1e3, 100.0, 10.0, 3.0, 1.0)
+SETTLED = 1e4  # s; steps in pseudo-time after which a machine has come to rest
+SAME_EQUILIBRIUM = 1e-6  # usual sizes within which two solutions are one; both are solved to 1e-9
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ def start(assembly: Assembly, t: float = 0.0, u: Array | None = None, equations:
     alone; else all change as little as they can, in scaled variables. After `start: steady` a direction that no equation
     determines is an error. `equations` are those of the assembly where they are compiled already."""
     u = np.zeros(assembly.arguments[4].numel()) if u is None else u
-    problem = _Search(equations or StartEquations(assembly), assembly, t, u)
+    problem = StartSearch(equations or StartEquations(assembly), assembly, t, u)
     try:
         return problem.finished(problem.solve())
     except StartError as error:
@@ -117,7 +119,7 @@ def _least_change(at: tuple[Array, Matrix], moved: Array, sizes: Array) -> Array
     return least_change(scaled(jacobian, row), -moved * row[:, None]) * sizes[:, None]
 
 
-class _Search:
+class StartSearch:
     """The search for one start: the equations of the assembly at given parameters, time and inputs."""
 
     def __init__(self, equations: StartEquations, assembly: Assembly, t: float, u: Array):
@@ -191,12 +193,36 @@ class _Search:
             found = self._attempt(system, first, attempt)
             self.steps += found.steps
             if found.good:
-                return found.y
+                return self._nearest(system, first, found.y) if self.equations.steady else found.y
             best = found if best is None or found.missed < best.missed else best
             if self.equations.all.affine and self.frame.inside(found.y):
                 break  # straight lines that meet nowhere
         assert best is not None
         raise start_messages.failure(self.equations, self._point(best.y), best.residual, self.equations.all, self.nominal)
+
+    def _nearest(self, system: System, first: Array, y: Array) -> Array:
+        """Of several equilibria the nearest to the guess, in usual sizes of the states: Newton's method may step over it.
+        The path along which the imbalance at the guess vanishes leads to one nearby; if that is another than y, so does
+        the motion of the machine. A start in which shut volumes leave directions open stays as it is."""
+        if self.equations.all.affine:
+            return y
+        found = continued(lambda done: system, first, self.frame)
+        if not found.good or self._apart(found.y, y) < SAME_EQUILIBRIUM:
+            return y
+        residual, jacobian = system(y)
+        if null_space(scaled(jacobian, weights(residual, jacobian)), INITIALISATION.undetermined).size:
+            return y
+        candidates = [found, settled(system, self._slowed, first, self.frame, SETTLED)]
+        return min((y, *(c.y for c in candidates if c.good)), key=lambda end: round(self._apart(end, first), 6))
+
+    def _apart(self, y: Array, other: Array) -> float:
+        """The distance of two points in usual sizes of the states."""
+        return float(np.linalg.norm(((y - other) / self.nominal)[: self.n_x]))
+
+    def at_rest_from(self, y: Array) -> Array | None:
+        """The equilibrium to which the machine settles from y (x, z and solved parameters), if it does."""
+        found = settled(self._scaled(self.equations.all), self._slowed, y, self.frame, SETTLED)
+        return found.y if found.good else None
 
     def _attempt(self, system: System, first: Array, attempt: int) -> NewtonResult:
         if attempt == 1:

@@ -143,9 +143,11 @@ def sharpened(system: System, found: NewtonResult, frame: Scaling) -> NewtonResu
     return NewtonResult(y, left, found.steps + 1) if better else found
 
 
-def settled(system: System, slowed: Callable[[Array, float], System], y: Array, frame: Scaling) -> NewtonResult:
+def settled(system: System, slowed: Callable[[Array, float], System], y: Array, frame: Scaling, least: float = 0.0
+            ) -> NewtonResult:
     """Where a machine comes to rest from y by itself: implicit Euler steps, short at first and then ever longer, until
-    Newton's method finds the equilibrium. `slowed(y, step)` are the equations of one step.
+    Newton's method finds the equilibrium. `slowed(y, step)` are the equations of one step. Newton's method, which may go to
+    another equilibrium, is tried once the steps are longer than `least` (s).
 
     Pseudo-transient continuation; C. T. Kelley, D. E. Keyes, Convergence analysis of pseudo-transient continuation, SIAM J.
     Numer. Anal. 35 (1998) 508-523, doi:10.1137/S0036142996304796.
@@ -159,7 +161,7 @@ def settled(system: System, slowed: Callable[[Array, float], System], y: Array, 
             y, step = trial.y, NEWTON.pseudo_step_growth * step
         else:
             step /= 4
-        if k % 8 == 7:
+        if k % 8 == 7 and step >= least:
             found = newton(system, y, frame, NEWTON.path_iterations)
             steps += found.steps
         if found.good or step < NEWTON.first_pseudo_step * 1e-4 or not np.all(np.isfinite(y)):

@@ -22,6 +22,7 @@ from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.extremes import SignalFigures, signal_figures
 from heavebond.numerics.initialise import Start
 from heavebond.numerics.run_verdict import NOT_BECOME, Finding, Verdict
+from heavebond.numerics.start_stability import unstable_start
 from heavebond.numerics.validity import RunSection, judged
 from heavebond.records.saved_runs import SavedRun, Signals, check_si, write_run
 from heavebond.text.expression import ExpressionProblem
@@ -85,7 +86,8 @@ class Result:
     def verdict(self) -> Verdict:
         """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
-        return judged(list(_stretches(self)), [*self._true_at_start(), *self._placeholders()], dense)
+        findings = [*self._true_at_start(), *self._placeholders(), *self._unstable_start()]
+        return judged(list(_stretches(self)), findings, dense)
 
     @cached_property
     def _points(self) -> tuple[Result, Settle | None] | None:
@@ -113,6 +115,12 @@ class Result:
         texts = {event.name: event.text for event in self.assembly.flat.events}
         return [Finding("true-at-start", name, name.rpartition(".")[0], float(self.time[0]), 1.0, None, "",
                         NOT_BECOME.format(texts[name])) for name in names]
+
+    def _unstable_start(self) -> list[Finding]:
+        """A steady start at an unstable equilibrium."""
+        u = columns(self, np.array([0]))[4]
+        finding = unstable_start(self.assembly, self.start, np.asarray(u).ravel(), float(self.time[-1] - self.time[0]))
+        return [finding] if finding is not None else []
 
     def _placeholders(self) -> list[Finding]:
         """Parts that stand for something that was not translated."""

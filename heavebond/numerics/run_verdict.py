@@ -58,6 +58,8 @@ class Finding:
             return f"{self.name} grows exponentially, to {value} at the end"
         if self.kind == "true-at-start":
             return f"the condition of {self.name} is true at the start, which lets nothing happen"
+        if self.kind == "unstable-start":
+            return f"{self.name} starts at an unstable equilibrium, {value}"
         if self.kind == "placeholder":
             return f"{self.name} has no law: it is a placeholder"
         limit = readable(self.limit or 0.0, self.unit)
@@ -72,7 +74,7 @@ class Finding:
 
 # whether a run with such a finding is worthless
 KINDS = {"not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False, "growth": False,
-         "true-at-start": False, "placeholder": False}
+         "true-at-start": False, "unstable-start": False, "placeholder": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 

@@ -1,0 +1,78 @@
+"""Stability of a steady start: whether a disturbance of the equilibrium grows, and where the machine would settle instead."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import StartError
+from heavebond.core.presentation import number, readable
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.initialise import SAME_EQUILIBRIUM, Start, StartSearch
+from heavebond.numerics.run_verdict import Finding
+from heavebond.numerics.start_equations import StartEquations
+
+MOST_STATES = 400  # eigenvalues of more take seconds
+# Share of the largest eigenvalue below which a real part is rounding: a double eigenvalue 0 (a body without a spring) is split
+# by the root of the rounding, 1e-8.
+ROUNDED = 1e-6
+PUSHES = (0.1, 1.0)  # of the fastest growing mode, in usual sizes of its states
+
+
+def unstable_start(assembly: Assembly, first: Start, u: Array, duration: float) -> Finding | None:
+    """The finding that the equilibrium at which a run of this duration (s) begins is unstable, from the eigenvalues of
+    dx'/dx there (held variables stay). None where it is stable, does not leave the equilibrium by e within the run, or
+    where a sampled controller may stabilise it."""
+    sampled = any(event.period is not None for event in assembly.flat.events)
+    if assembly.model.initial.mode != "steady" or sampled or not 0 < len(first.x) <= MOST_STATES:
+        return None
+    values, modes = np.linalg.eig(_state_matrix(assembly, first, u))
+    if not np.isfinite(values).all():
+        return None
+    fastest = int(np.argmax(values.real))
+    growth = float(values[fastest].real)
+    if growth * duration < 1 or growth < ROUNDED * float(np.abs(values).max()):
+        return None
+    mode = modes[:, fastest].real
+    # a position tells equilibria apart; speeds are 0 at all of them
+    speeds = [order > 0 or assembly.flat.unknowns[j].motion for j, order in assembly.reduced.states]
+    k = int(np.argmax(np.abs(mode) * (1.0 if all(speeds) else np.logical_not(speeds))))
+    name, unknown = assembly.state_names[k], assembly.flat.unknowns[assembly.reduced.states[k][0]]
+    others = _others(assembly, first, u, mode / np.abs(mode).max(), k)
+    places = [readable(value, unknown.unit.text) for value in others]
+    choice = f"Other equilibria: {' or '.join(places)}. Write a guess near the one that is meant, " \
+        f"`initial: {{{name}: ~ {places[0]}}}`" if places else \
+        "`heavebond modes` shows the components that oscillate or run away"
+    return Finding("unstable-start", name, name.rpartition(".")[0], first.t, float(first.x[k]), None, unknown.unit.text,
+                   f"a disturbance grows by e in {number(1 / growth, 3)} s. {choice}")
+
+
+def _state_matrix(assembly: Assembly, first: Start, u: Array) -> Array:
+    """dx'/dx (n_x, n_x) in usual sizes of the states, with the algebraic unknowns following their equations."""
+    def slopes() -> ca.Function:
+        _, x, z, *_ = assembly.arguments
+        return ca.Function("slopes", list(assembly.arguments), [ca.jacobian(side, by) for side in (assembly.ode, assembly.alg)
+                                                                for by in (x, z)])
+
+    found = assembly.once("state matrix", slopes)(first.t, first.x, first.z, first.p, u, 0.0)
+    ode_x, ode_z, alg_x, alg_z = (np.array(part.full()) for part in found)
+    matrix = ode_x - ode_z @ np.linalg.lstsq(alg_z, alg_x, rcond=None)[0] if len(first.z) else ode_x
+    return np.asarray(matrix * assembly.x_nominal / assembly.x_nominal[:, None])
+
+
+def _others(assembly: Assembly, first: Start, u: Array, mode: Array, k: int) -> list[float]:
+    """The values of state k at the equilibria to which the machine settles when it is pushed along the mode, both ways."""
+    search = StartSearch(StartEquations(assembly), assembly, first.t, u)
+    y = np.concatenate([first.x, first.z, first.p[search.equations.solved_for]])
+    found: list[float] = []
+    for push in (way * size for size in PUSHES for way in (-1, 1)):
+        begin = y.copy()
+        begin[: len(first.x)] += push * mode * assembly.x_nominal
+        try:
+            end = search.at_rest_from(begin)
+        except StartError:
+            continue
+        value, near = float(end[k]) if end is not None else np.nan, SAME_EQUILIBRIUM * float(assembly.x_nominal[k])
+        if np.isfinite(value) and all(abs(value - other) > 10 * near for other in (*found, float(first.x[k]))):
+            found.append(0.0 if abs(value) < near else value)
+    return sorted(found, key=lambda value: (abs(value - first.x[k]) // (10 * near), value))[:3]
