@@ -1,4 +1,4 @@
-"""A steady start of a machine with several equilibria: the nearest to the guess, and what the verdict says of an unstable one."""
+"""A steady start of a machine with several equilibria: the nearest to the guess, and the verdict on an unstable one."""
 
 from __future__ import annotations
 
@@ -36,11 +36,13 @@ simulate: {until: 3 s, every: 10 ms}
 """
 CASES = [*((PENDULUM, "shaft.phi", guess, angle) for guess, angle in (
             (0.3, 0.0), (1.5, 0.0), (1.65, np.pi), (2.0, np.pi), (4.6, np.pi), (1.57, 0.0))),
-         *((BISTABLE, "load.x", guess, place) for guess, place in ((0.3, 0.0), (0.56, 1.0), (0.9, 1.0), (-0.56, -1.0), (-3.0, -1.0)))]
+         *((BISTABLE, "load.x", guess, place) for guess, place in (
+             (0.3, 0.0), (0.56, 1.0), (0.9, 1.0), (-0.56, -1.0), (-3.0, -1.0)))]
 
 
 @pytest.mark.parametrize(("diagram", "name", "guess", "expected"), CASES)
-def test_a_steady_start_takes_the_equilibrium_nearest_to_the_guess(diagram: str, name: str, guess: float, expected: float) -> None:
+def test_a_steady_start_takes_the_equilibrium_nearest_to_the_guess(diagram: str, name: str, guess: float, expected: float
+                                                                       ) -> None:
     found = start(hb.assemble(loads(diagram.replace("GUESS", repr(guess)))))
     place = next(line.used for line in found.table if line.name == name)
     assert place == pytest.approx(expected, abs=1e-6)  # the start is solved to 1e-9 of the usual sizes of forces
@@ -48,8 +50,8 @@ def test_a_steady_start_takes_the_equilibrium_nearest_to_the_guess(diagram: str,
 
 @pytest.mark.parametrize(("diagram", "name", "guess", "others"), [(PENDULUM, "shaft.phi", 3.0, "0 rad or 6.28"),
                                                                    (BISTABLE, "load.x", 0.0, "-1 m or 1 m")])
-def test_the_verdict_names_an_unstable_steady_start_and_the_equilibria_beside_it(diagram: str, name: str, guess: float, others: str
-                                                                                 ) -> None:
+def test_the_verdict_names_an_unstable_steady_start_and_other_equilibria(diagram: str, name: str, guess: float, others: str
+                                                                         ) -> None:
     with pytest.warns(hb.RunWarning, match=f"{name}.*unstable") as told:
         run = hb.simulate(loads(diagram.replace("GUESS", repr(guess))))
     assert run.verdict.findings[0].kind == "unstable-start" and not run.verdict.failed
@@ -59,6 +61,7 @@ def test_the_verdict_names_an_unstable_steady_start_and_the_equilibria_beside_it
 def test_a_stable_steady_start_and_a_machine_that_is_free_to_move_get_no_such_warning() -> None:
     """A mass without a spring has the eigenvalue 0, an undamped one eigenvalues whose real parts are rounding."""
     free = PENDULUM.replace("  arm:  {is: ArmWeight, m: 1 kg, l: 0.5 m, g: 9.81 m/s**2}\n", "").replace("arm.a, ", "")
-    for diagram, initial in ((PENDULUM, ""), (PENDULUM.replace("0.5 N*m*s/rad", "0 N*m*s/rad"), ""), (free, "shaft.phi: 0.2 rad")):
+    undamped = PENDULUM.replace("0.5 N*m*s/rad", "0 N*m*s/rad")
+    for diagram, initial in ((PENDULUM, ""), (undamped, ""), (free, "shaft.phi: 0.2 rad")):
         text = diagram.replace("shaft.phi: ~ GUESS rad", initial or "shaft.phi: ~ 0.1 rad")
         assert hb.simulate(loads(text)).verdict.status == "clean"

@@ -39,7 +39,8 @@ simulate: {until: 5 s, every: 50 ms}
 def swing(t: np.ndarray, rest: float, x: float, v: float) -> np.ndarray:
     """x(t) of m x'' + d x' + c (x - rest) = 0 with m = 1 kg, d = 0.2 N*s/m, c = 4 N/m, in closed form."""
     decay, w = 0.1, np.sqrt(4 - 0.01)
-    return np.asarray(rest + np.exp(-decay * t) * ((x - rest) * np.cos(w * t) + (v + decay * (x - rest)) / w * np.sin(w * t)))
+    a, b = x - rest, (v + decay * (x - rest)) / w
+    return np.asarray(rest + np.exp(-decay * t) * (a * np.cos(w * t) + b * np.sin(w * t)))
 
 
 def experiment(folder: Path, diagram: str, output: str, noise: str, records: dict[str, tuple[str, np.ndarray]], free: str
@@ -61,6 +62,10 @@ def experiment(folder: Path, diagram: str, output: str, noise: str, records: dic
 T = 0.05 * np.arange(101)
 
 
+def two_starts() -> dict[str, tuple[str, np.ndarray]]:
+    return {name: (f"initial: {{load.x: {x} mm}}", swing(T, 0, x / 1000, 0)) for name, x in (("a", 10), ("b", 80))}
+
+
 def test_a_fit_begins_each_record_at_the_start_of_that_record_and_not_of_the_first(tmp_path: Path) -> None:
     """A pendulum near its upper rest has several minima: from the start of the other record the fit ends in a wrong one."""
     (tmp_path / "diagram.yaml").write_text(PENDULUM)
@@ -76,13 +81,14 @@ def test_a_fit_begins_each_record_at_the_start_of_that_record_and_not_of_the_fir
     found = hb.fit(path)
     assert found.chi2 < 1e-4  # errors of the integration are far below the noise of 1 mrad
     before = {(p.name, p.record): p.before for p in found.parameters if p.record}
-    assert before == {(f"initial.shaft.{state}", name): starts[name][k] for name in starts for k, state in enumerate("phi w".split())}
+    assert before == {(f"initial.shaft.{state}", name): starts[name][k] for name in starts
+                      for k, state in enumerate(("phi", "w"))}
     assert found.values["damp.d"] == pytest.approx(0.002, rel=1e-4)
 
 
 def test_the_column_before_of_a_fit_is_what_compare_says(tmp_path: Path) -> None:
     """Starts that only the records have, in mm, one of them sought as its logarithm."""
-    records = {"a": ("initial: {load.x: 10 mm}", swing(T, 0, 0.01, 0)), "b": ("initial: {load.x: 80 mm}", swing(T, 0, 0.08, 0))}
+    records = two_starts()
     path = experiment(tmp_path, SWING, "load.x", "1 mm, unit: m", records,
                       "  spring.c: 1 .. 9 N/m\n  initial.load.x: {range: 1 .. 100 mm, each: record}\n")
     found, compared = hb.fit(path), hb.compare(path)
@@ -94,7 +100,8 @@ def test_the_column_before_of_a_fit_is_what_compare_says(tmp_path: Path) -> None
 
 def test_a_parameter_that_a_record_sets_begins_at_that_value(tmp_path: Path) -> None:
     """The same of a parameter under `set:` of each record, which is not of the start."""
-    records = {name: (f"set: {{spring.l0: {rest} mm}}", swing(T, rest / 1000, 0.01, 0)) for name, rest in (("a", 5), ("b", -30))}
+    records = {name: (f"set: {{spring.l0: {rest} mm}}", swing(T, rest / 1000, 0.01, 0))
+               for name, rest in (("a", 5), ("b", -30))}
     path = experiment(tmp_path, SWING, "load.x", "1 mm, unit: m", records,
                       "  spring.c: 1 .. 9 N/m\n  spring.l0: {range: -50 .. 50 mm, each: record}\n")
     problem = Residuals(hb.load_experiment(path))
@@ -104,7 +111,7 @@ def test_a_parameter_that_a_record_sets_begins_at_that_value(tmp_path: Path) -> 
 
 
 def test_a_start_of_a_record_outside_its_range_is_refused_with_the_record(tmp_path: Path) -> None:
-    records = {"a": ("initial: {load.x: 10 mm}", swing(T, 0, 0.01, 0)), "b": ("initial: {load.x: 80 mm}", swing(T, 0, 0.08, 0))}
+    records = two_starts()
     path = experiment(tmp_path, SWING, "load.x", "1 mm, unit: m", records,
                       "  initial.load.x: {range: -50 .. 50 mm, each: record}\n")
     with pytest.raises(UsageError, match=r"initial\.load\.x is 80 mm in record b, outside its range"):

@@ -92,10 +92,11 @@ def compared(path: Path, names: tuple[str, ...], seed: int) -> list[Compared]:
         reference = Reference(path)
     except HeavebondError as error:
         return [Compared("reference", "not applicable", error.problems[0].code)]
-    return [_compared(reference, path, name, seed) for name in names]
+    return [compared_to(reference, path, name, seed) for name in names]
 
 
-def _compared(reference: Reference, path: Path, relation: str, seed: int) -> Compared:
+def compared_to(reference: Reference, path: Path, relation: str, seed: int) -> Compared:
+    """What comes of one relation, given the diagram's own runs."""
     try:
         same = RELATIONS[relation](reference.sheet, reference.assembly, Random(seed))
         if same is None:
@@ -122,16 +123,22 @@ def _beside(reference: Reference, same: Same, path: Path, relation: str) -> Comp
     assembly = hb.assemble(hb.load(write(same, path)))
     names = {n: other for n in reference.names if (other := same.name(n)) is not None}
     result = run(assembly, reference.times, TIGHTER)
-    values = signals(result, names)
+    return difference(reference, signals(result, names), relation, result)
+
+
+def difference(reference: Reference, values: Mapping[str, Array], relation: str, *results: Result, least: float = ROUNDING
+               ) -> Compared:
+    """Whether signals by their names in the first diagram are those of its own run, except near events of either run.
+    What the first run itself is unsure of is allowed, and the share `least` of the size of each signal."""
     chosen = [k for k, n in enumerate(reference.names) if n in values]
     if not chosen:
         return Compared(relation, "not applicable", "nothing to compare")
     off = np.array([np.abs(values[n] - reference.values[n]) / reference.sizes[n]
                     for n in (reference.names[k] for k in chosen)])
-    off[:, reference.near_events(reference.fine, result)] = 0.0
+    off[:, reference.near_events(reference.fine, *results)] = 0.0
     off = off[:, :reference.until]
     # the estimate of a single signal may be small by chance: that of all of them counts
-    allowed = TIMES * reference.error[:, :reference.until].max(axis=0, initial=0.0) + ROUNDING
+    allowed = TIMES * reference.error[:, :reference.until].max(axis=0, initial=0.0) + least
     over = off / allowed
     outcome = "sensitive" if reference.until < len(reference.times) else "same"
     if over.size and over.max() > 1:

@@ -338,3 +338,9 @@ def _negative(text: str) -> str:
 RELATIONS: dict[str, Relation] = {"renamed": rename, "reordered": reorder, "units": units, "parameters": parameters,
                                   "into a block": into_a_block, "parallel": parallel, "series": series,
                                   "axis reversed": reversed_axis}
+
+
+if __name__ == "__main__":
+    from benchmarks.fuzz.run_relations import main
+
+    main()

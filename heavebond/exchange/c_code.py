@@ -47,7 +47,8 @@ def c_text(made: Portable, prefix: str, *, whole: bool = False) -> str:
             generator.add(function)
     evaluate = (SOURCES / "evaluate.c").read_text(encoding="utf-8")
     return "\n".join([_head(made, prefix), _used(generator.dump()), *_arrays(made, prefix),
-                      *([*_event_arrays(made, prefix), *_start_arrays(made, prefix)] if whole else []), evaluate.replace("MODEL", prefix)])
+                      *([*_event_arrays(made, prefix), *_start_arrays(made, prefix)] if whole else []),
+                      evaluate.replace("MODEL", prefix)])
 
 
 UNUSED = ("arg", "res", "iw", "w", "mem")  # arguments that CasADi gives to every function

@@ -55,8 +55,8 @@ class Quantity:
 @dataclass(frozen=True)
 class StartConditions:
     """The conditions of the start, for values that are set before it: `conditions` is (t, x, z, p, u) -> (residuals, their
-    gradients by rows, the same of the guesses, the guesses of x and z). The unknowns are x, z and the parameters `solved_for`,
-    of the usual `sizes`. `by_parameters` and `by_inputs` tell which values the start depends on; `square` whether its
+    gradients by rows, the same of the guesses, the guesses of x and z). The unknowns are x, z and the parameters
+    `solved_for`, of the usual `sizes`. `by_parameters` and `by_inputs` tell which values the start depends on; `square` whether its
     conditions determine all unknowns."""
 
     conditions: ca.Function
@@ -232,7 +232,8 @@ def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: 
     aims = (equations.aims if first.in_turn else equations.approach) if equations.guesses else None
     guesses = equations.guess.columns([(j, order) for j, order in (*assembly.reduced.states, *assembly.reduced.algebraic)])
     sides = [whole.residuals, whole.slopes, *((aims.residuals, aims.slopes) if aims else (ca.SX(0, 1), ca.SX(0, 1)))]
-    given = stack([t, *(stack([s[0], 0, 0, 0]) if equations.steady else s / ca.SX(ca.DM([1, 1, 2, 6])) for s in symbols)])
+    orders = ca.SX(ca.DM([1, 0, 0, 0] if equations.steady else [1, 1, 1 / 2, 1 / 6]))  # c_k = u^(k) / k!
+    given = stack([t, *(s * orders for s in symbols)])
     sides = ca.substitute([*sides, guesses], [pieces, rate],
                           [given if flat.inputs else pieces, ca.SX(0 if equations.steady else 1)])
     used = {s.element_hash() for side in sides for s in ca.symvar(side)}
@@ -242,9 +243,11 @@ def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: 
     by_inputs = tuple(s.element_hash() in used for s in split(u))
     point = Point(first.t, first.x, first.z, first.p, held_still(column, first.t) if equations.steady else column,
                   0.0 if equations.steady else 1.0)
-    sizes, gradients = equations.sizes(first.p), whole.at(point)[1]
+    sizes = equations.sizes(first.p)
+    residual, gradients = whole.at(point)
+    gradients = scaled(gradients, None, sizes)
     square = gradients.shape[0] == gradients.shape[1] and not null_space(
-        scaled(gradients, weights(np.ones(len(sizes)), scaled(gradients, None, sizes)), sizes), INITIALISATION.undetermined).size
+        scaled(gradients, weights(residual, gradients)), INITIALISATION.undetermined).size
     columns = [ca.densify(sides[0]), ca.vec(ca.densify(sides[1]).T), ca.densify(sides[2]), ca.vec(ca.densify(sides[3]).T),
                ca.densify(sides[4])]
     return StartConditions(ca.Function(label, [t, x, z, p, u], ca.cse(columns)), tuple(equations.solved_for),

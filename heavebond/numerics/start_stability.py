@@ -1,4 +1,4 @@
-"""Stability of a steady start: whether a disturbance of the equilibrium grows, and where the machine would settle instead."""
+"""Stability of a steady start: whether a disturbance of the equilibrium grows, and where the machine settles instead."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from heavebond.numerics.run_verdict import Finding
 from heavebond.numerics.start_equations import StartEquations
 
 MOST_STATES = 400  # eigenvalues of more take seconds
-# Share of the largest eigenvalue below which a real part is rounding: a double eigenvalue 0 (a body without a spring) is split
-# by the root of the rounding, 1e-8.
+# Share of the largest eigenvalue below which a real part is rounding: a double eigenvalue 0 (a body without a spring) is
+# split by the root of the rounding, 1e-8.
 ROUNDED = 1e-6
 PUSHES = (0.1, 1.0)  # of the fastest growing mode, in usual sizes of its states
 
@@ -51,8 +51,8 @@ def _state_matrix(assembly: Assembly, first: Start, u: Array) -> Array:
     """dx'/dx (n_x, n_x) in usual sizes of the states, with the algebraic unknowns following their equations."""
     def slopes() -> ca.Function:
         _, x, z, *_ = assembly.arguments
-        return ca.Function("slopes", list(assembly.arguments), [ca.jacobian(side, by) for side in (assembly.ode, assembly.alg)
-                                                                for by in (x, z)])
+        slopes = [ca.jacobian(side, by) for side in (assembly.ode, assembly.alg) for by in (x, z)]
+        return ca.Function("slopes", list(assembly.arguments), slopes)
 
     found = assembly.once("state matrix", slopes)(first.t, first.x, first.z, first.p, u, 0.0)
     ode_x, ode_z, alg_x, alg_z = (np.array(part.full()) for part in found)
