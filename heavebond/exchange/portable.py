@@ -56,8 +56,8 @@ class Quantity:
 class StartConditions:
     """The conditions of the start, for values that are set before it: `conditions` is (t, x, z, p, u) -> (residuals, their
     gradients by rows, the same of the guesses, the guesses of x and z). The unknowns are x, z and the parameters
-    `solved_for`, of the usual `sizes`. `by_parameters` and `by_inputs` tell which values the start depends on; `square` whether its
-    conditions determine all unknowns."""
+    `solved_for`, of the usual `sizes`. `by_parameters` and `by_inputs` tell on which values the start depends; `square`
+    tells whether its conditions determine all unknowns."""
 
     conditions: ca.Function
     solved_for: tuple[int, ...]
