@@ -211,8 +211,10 @@ def _units() -> list[Law]:
     pairs = [("degC and K", ("20 degC", "80 degC"), ("293.15 K", "353.15 K")),
              ("degF and K", ("68 degF", "176 degF"), ("293.15 K", "353.15 K")),
              ("degC and mK", ("20 degC", "80 degC"), ("293150 mK", "353150 mK"))]
-    return [Law(f"temperatures in {n}", *(WARM.replace("AIR", air).replace("STEEL", steel) for air, steel in (a, b)),
-                ("steel.T",)) for n, a, b in pairs]
+    def warm(air: str, steel: str) -> str:
+        return WARM.replace("AIR", air).replace("STEEL", steel)
+
+    return [Law(f"temperatures in {n}", warm(*a), warm(*b), ("steel.T",)) for n, a, b in pairs]
 
 
 def laws() -> list[Law]:

@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from random import Random
@@ -36,7 +37,7 @@ from heavebond.core.errors import HeavebondError
 from heavebond.core.units import read_unit
 from heavebond.language.library import bundled
 from heavebond.language.symbols import split, stack
-from heavebond.linear.linear_system import state_space
+from heavebond.linear.linear_system import StateSpace, state_space
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.idas import Tolerances
 from heavebond.numerics.result import Result
@@ -48,10 +49,10 @@ PARTS = (7, 1000)  # into which an output interval is divided
 SHIFTS = (1.0, 1.4e9)  # s; the second is a UNIX time stamp
 SHARE = 1e-6  # of its largest value, to which a scaled signal agrees
 SPACINGS = 4  # of the numbers at a time, to which it is known
-SMALL = 1e-6  # of a parameter, by which an input of the linear comparison moves
+SMALL = 1e-5  # of a parameter, by which an input of the linear comparison moves
 PEAK = 1e-4  # share of the size of a signal, to which its extremes agree
-KNOWN = 1e-8  # share of a state, above which a small motion is compared; the run is to 1e-12
-BEND = 1e-3  # share of a small motion that is not linear, or is lost between the points of its input
+KNOWN = 1e-6  # share of a state, above which a small motion is compared; the run is to 1e-12
+BEND = 1e-3  # share of a small motion that is not linear, or below the tolerance of the run
 CHANGE = 1.03  # factor of a parameter that is set in several ways
 PROBES = 3  # random points at which an invariance is tried
 MOST_POINTS = 50_000  # output points of a run
@@ -281,7 +282,8 @@ def start_time(machine: Machine, variant: float) -> Compared:
     if any(part is None for part in parts.values()) or (clock and moved == sheet and parts == sheet.parts) \
             or _clocked(machine, sheet):
         return Compared(name, "not applicable", "components count from time 0")
-    other = write(Same(replace(moved, parts=parts), lambda n: n), machine.path)
+    later = {n: part for n, part in parts.items() if part is not None}
+    other = write(Same(replace(moved, parts=later), lambda n: n), machine.path)
     result = machine.run(hb.assemble(hb.load(other)), variant + machine.times)
     back = replace(result, time=machine.times, instants=tuple(replace(i, time=i.time - variant) for i in result.instants)) \
         if not result.stays else result
@@ -376,8 +378,6 @@ SOURCES = {"ForceSource": "u", "TorqueSource": "u", "FlowSource": "u", "VoltageS
 
 def small_motion(machine: Machine, variant: int) -> Compared:
     """A small step of a source, with a lag, moves the machine as its state space from a steady start says."""
-    from scipy.signal import StateSpace, lsim
-
     name, sheet = "linear and nonlinear", machine.sheet
     fixed = [(part, SOURCES[e["is"]]) for part, e in sheet.parts.items() if e["is"] in SOURCES and
              isinstance(text := e.get(SOURCES[e["is"]]), str) and QUANTITY.fullmatch(text)]
@@ -402,9 +402,7 @@ def small_motion(machine: Machine, variant: int) -> Compared:
         return Compared(name, "not applicable", "improper")
     result = Simulator(hb.assemble(hb.load(write(Same(moving, lambda n: n), machine.path))), times=machine.times,
                        tolerances=Tolerances(RTOL / 1e4, 1e-14)).run()
-    u = step * _si(unit) * (1 - np.exp(-machine.times / lag))
-    _, y, _ = lsim(StateSpace(system.a, system.b, system.c, system.d), u, machine.times)
-    y, seen = np.asarray(y).reshape(len(machine.times), -1), 0
+    y, seen = _response(system, step * float(read_unit(unit).scale), lag, machine.times), 0
     for k, state in enumerate(states):
         moved = result.si[state] - result.si[state][0]
         size = max(float(np.abs(y[:, k]).max()), float(np.abs(moved).max()))
@@ -418,8 +416,18 @@ def small_motion(machine: Machine, variant: int) -> Compared:
     return Compared(name, "same" if seen else "not applicable", part, seen)
 
 
-def _si(unit: str) -> float:
-    return float(read_unit(unit).scale)
+def _response(system: StateSpace, step: float, lag: float, times: Array) -> Array:
+    """The outputs (N, k) after a step of the input through a lag, by the matrix exponential with lag and step as states."""
+    from scipy.linalg import expm
+
+    n = len(system.a)
+    matrix, state, found = np.zeros((n + 2, n + 2)), np.zeros(n + 2), []
+    matrix[:n, :n], matrix[:n, n:n + 1], matrix[n, n], matrix[n, n + 1] = system.a, system.b, -1 / lag, 1 / lag
+    state[n + 1] = step
+    for before, now in pairwise([times[0], *times]):
+        state = expm(matrix * (now - before)) @ state
+        found.append(system.c @ state[:n] + system.d[:, 0] * state[n])
+    return np.array(found)
 
 
 def _judged(machine: Machine, relation: str, off: Array, names: list[str]) -> Compared:
@@ -456,9 +464,9 @@ def checks_of(path: Path, label: str, wanted: Mapping[str, tuple[Any, ...]] | No
         if name in RELATIONS:
             continue
         for variant in variants:
-            found.append(_check(label, name, variant, lambda n=name, v=variant: OF_RUNS[n][0](machine, v)))
+            found.append(_check(label, name, variant, partial(OF_RUNS[name][0], machine, variant)))
     for name in RELATIONS if wanted is None else [n for n in wanted if n in RELATIONS]:
-        found.append(_check(label, name, seed, lambda n=name: compared_to(machine, path, n, seed)))
+        found.append(_check(label, name, seed, partial(compared_to, machine, path, name, seed)))
     return found
 
 
