@@ -204,6 +204,11 @@ def time_scale(machine: Machine, variant: float) -> Compared:
     values_by = np.array([variant ** powers[u.name] for u in assembly.flat.unknowns])
     if not _invariant(assembly, machine.times, change, factors[:n_x] / variant, values_by):
         return Compared(name, "not applicable", "a constant of the equations has a unit of time")
+    instants = stack([e for event in assembly.flat.events for e in (event.first, event.period) if e is not None])
+    first, later = (np.array(ca.Function("instants", [assembly.arguments[3]], [assembly.express(instants)])(v)).ravel()
+                    for v in (assembly.p, p))
+    if np.any(np.abs(later - variant * first) > REACH * np.abs(later)):
+        return Compared(name, "not applicable", "an event at a time that is a number")
     before, after = (Simulator(a, times=t[:2]).run().start.x for a, t in (
         (assembly, machine.times), (replace(assembly, p=p), variant * machine.times)))
     if np.any(np.abs(after / factors[:n_x] - before) > SHARE * (np.abs(before) + REACH * assembly.x_nominal)):
@@ -517,15 +522,17 @@ def _unfinished(task: tuple[str], outcome: str, what: str, seconds: float) -> li
 
 
 def summary(results: Path) -> dict[str, Any]:
-    """How many checks of each relation ended how, and those that differ."""
+    """How many checks of each relation ended how, and the machines of those that differ."""
     lines = [json.loads(line) for line in results.read_text(encoding="utf-8").splitlines()]
     counts: dict[str, Counter[str]] = {}
+    differences: dict[str, list[str]] = {}
     for line in lines:
         counts.setdefault(line["relation"], Counter())[line["outcome"]] += 1
+        if line["outcome"] in DIFFERENCES:
+            differences.setdefault(f"{line['relation']} {line['variant']}: {line['outcome']}", []).append(line["machine"])
     return {"machines": len({line["machine"] for line in lines}), "checks": len(lines),
             "relations": {n: dict(found.most_common()) for n, found in counts.items()},
-            "differences": [", ".join(line[key][:200] for key in ("machine", "relation", "variant", "outcome", "what"))
-                            for line in lines if line["outcome"] in DIFFERENCES]}
+            "differences": differences}
 
 
 def main() -> None:
@@ -559,4 +566,5 @@ def main() -> None:
     judge.close()
     found = summary(options.results)
     options.summary.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-    print(f"{found['checks']} checks of {found['machines']} machines, {len(found['differences'])} differences")
+    differences = sum(map(len, found["differences"].values()))
+    print(f"{found['checks']} checks of {found['machines']} machines, {differences} differences")
