@@ -96,7 +96,7 @@ def compared(path: Path, names: tuple[str, ...], seed: int) -> list[Compared]:
 
 
 def compared_to(reference: Reference, path: Path, relation: str, seed: int) -> Compared:
-    """What comes of one relation, given the diagram's own runs."""
+    """Try one relation, given the runs of the diagram."""
     try:
         same = RELATIONS[relation](reference.sheet, reference.assembly, Random(seed))
         if same is None:
@@ -128,8 +128,8 @@ def _beside(reference: Reference, same: Same, path: Path, relation: str) -> Comp
 
 def difference(reference: Reference, values: Mapping[str, Array], relation: str, *results: Result, least: float = ROUNDING
                ) -> Compared:
-    """Whether signals by their names in the first diagram are those of its own run, except near events of either run.
-    What the first run itself is unsure of is allowed, and the share `least` of the size of each signal."""
+    """Compare signals, by their names in the first diagram, with the run of that diagram, except near events of either run.
+    The estimated error of that run is allowed, and the share `least` of the size of each signal."""
     chosen = [k for k, n in enumerate(reference.names) if n in values]
     if not chosen:
         return Compared(relation, "not applicable", "nothing to compare")

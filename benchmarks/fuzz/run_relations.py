@@ -163,7 +163,7 @@ def amplitude(machine: Machine, variant: float) -> Compared:
 
 
 def _sources(assembly: Assembly) -> list[int] | None:
-    """The parameters (indices) that stand in the equations as the states do: those of sources, lengths at rest, initial
+    """The parameters (indices) that enter the equations linearly, like the states: those of sources, lengths at rest, initial
     values. None where the equations are not linear in states and sources together."""
     _, x, z, p, *_ = assembly.arguments
     rates = stack([assembly.ode, assembly.alg])
@@ -457,7 +457,7 @@ OF_RUNS: dict[str, tuple[Callable[[Machine, Any], Compared], tuple[Any, ...]]] =
 
 # -- one machine -------------------------------------------------------------------------------------------------------
 def checks_of(path: Path, label: str, wanted: Mapping[str, tuple[Any, ...]] | None = None, seed: int = 7) -> list[Check]:
-    """What comes of all relations on the diagram at `path`: those of runs, then those that write it differently (see
+    """Try all relations on the diagram at `path`: those of runs, then those that write it differently (see
     `relations`). `wanted` are the variants of chosen relations."""
     try:
         machine = Machine(path)
@@ -488,7 +488,7 @@ def _check(machine: str, relation: str, variant: Any, run: Callable[[], Compared
 
 @contextmanager
 def placed(label: str) -> Iterator[Path]:
-    """A folder of its own with a bundled machine, or with the random diagram `seed N`."""
+    """Copy a bundled machine, or the random diagram `seed N`, to a temporary folder."""
     if label.startswith("seed "):
         import tempfile
 
@@ -536,7 +536,7 @@ def summary(results: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Try what is left of the machines, and write the counts beside the results."""
+    """Try the machines that are not in the results yet, and write the counts."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--machine", help="print all checks of one bundled machine, or of `seed N`, and stop")
     parser.add_argument("--seeds", type=int, default=200, help="random diagrams besides")
