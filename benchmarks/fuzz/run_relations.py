@@ -163,7 +163,7 @@ def amplitude(machine: Machine, variant: float) -> Compared:
 
 
 def _sources(assembly: Assembly) -> list[int] | None:
-    """The parameters (indices) that enter the equations linearly, like the states: those of sources, lengths at rest, initial
+    """The parameters (indices) that enter the equations linearly like the states: sources, lengths at rest, initial
     values. None where the equations are not linear in states and sources together."""
     _, x, z, p, *_ = assembly.arguments
     rates = stack([assembly.ode, assembly.alg])
