@@ -60,8 +60,8 @@ class EventConstants:
     max_cascades: events that set off each other at one instant. Origin: a chain of as many relays. Doubled: the error
         of a circle comes later.
     impact_time: seconds within which the impulse of an impact acts on what gives way to it (friction that sticks, bodies
-        at rest on each other). Origin: machine parts touch for 10 us to 1 ms. Doubled: friction holds against impulses
-        twice as large, which are then passed on.
+        at rest on each other); in a run of less than a second, this share of the run. Origin: machine parts touch for
+        10 us to 1 ms. Doubled: friction holds against impulses twice as large, which are then passed on.
     max_halvings: halvings of a step in which a choice of states ends. Origin: rounding of time. Doubled: nothing.
     max_failures: failures of the integrator without an event between. Origin: a bound on the time of a run without
         progress. Doubled: a hopeless run ends later.

@@ -436,7 +436,8 @@ class EventIntegration:
             values, rates = self._indicators(now)
             begun = replace(now, true=now.true & (values + rates * self.same > 0))
         for _ in range(EVENTS.max_cascades):
-            point, moved, yielded = equations.fire(point, moved, events, delays, factors)
+            point, moved, yielded = equations.fire(point, moved, events, delays, factors,
+                                                   EVENTS.impact_time * min(self.span, 1.0))
             happened, late = happened + yielded + events, late + delays[:1] * len(yielded) + delays
             now = begun.standing(point, moved)
             values, rates = self._indicators(now)

@@ -19,11 +19,15 @@ import numpy as np
 from heavebond.numerics.dae import Array, Assembly, Integrand
 from heavebond.numerics.machine_code import Evaluated
 from heavebond.numerics.sparse_jacobian import given_jacobian
+from heavebond.numerics.time_events import same_instant
 
 # Largest number of steps between two output points: at a NaN IDAS would halve its step for minutes.
 MOST_STEPS = 300_000
 # First step where x' is unknown, as a share of the time to the first output point; steps double at first.
 FIRST_STEP = 1e-9
+# CasADi integrates no interval of less than 1e-9 of its time. If two stops are closer than so many seconds, it gets another
+# unit of time.
+SHORTEST = 1e-5
 _TURN = RLock()
 RESTS = (0.01, 0.1, 1.0, 10.0, 100.0)  # s; instants at which `at_rest` yields the state
 MOST_STEPS_TO_REST = 20_000
@@ -48,6 +52,23 @@ class Tolerances:
         return replace(self, rtol=factor * self.rtol, atol=factor * self.atol)
 
 
+def time_unit(stops: Array) -> float:
+    """The unit (s) of the time that CasADi integrates in: a second, or a power of two in which no two stops are closer than
+    one. SUNDIALS takes the same steps in any power of two, to the last bit."""
+    gaps = np.diff(stops)
+    shortest = float(np.min(gaps, where=gaps > same_instant(float(stops[0]), float(stops[-1])), initial=np.inf))
+    return 1.0 if shortest >= SHORTEST else float(2.0 ** np.floor(np.log2(shortest)))
+
+
+def in_unit_of_time(dae: Mapping[str, Any], unit: float) -> dict[str, Any]:
+    """A DAE in another unit of time (s)."""
+    if unit == 1.0:
+        return dict(dae)
+    rates, rest = [name for name in ("ode", "quad") if name in dae], [name for name in ("alg",) if name in dae]
+    sides = [*(unit * dae[name] for name in rates), *(dae[name] for name in rest)]
+    return {**dae, **dict(zip([*rates, *rest], ca.substitute(sides, [dae["t"]], [unit * dae["t"]]), strict=True))}
+
+
 class Idas:
     """Integrator of a system from the first stop to the others; RuntimeError where IDAS fails.
 
@@ -60,11 +81,11 @@ class Idas:
                  strict: bool = False):
         """`strict` includes the algebraic unknowns in the error control: with shorter steps the predictor gives Newton's
         method a closer initial guess."""
-        self._orders = _orders(made.dae)
-        self._dae, self._begin = _ordered(made.dae, self._orders), float(stops[0])
-        self._outputs = [float(t) for t in stops[1:]] if len(stops) > 1 else [self._begin + 1.0]
+        self._orders, unit = _orders(made.dae), time_unit(stops)
+        self._dae, self._begin = _ordered(in_unit_of_time(made.dae, unit), self._orders), float(stops[0] / unit)
+        self._outputs = [float(t) for t in stops[1:] / unit] or [self._begin + 1.0]
         self._options = {**integrator_options(self._dae, tolerances), "max_num_steps": most_steps,
-                         **({"max_step_size": made.longest} if made.longest else {})}
+                         **({"max_step_size": made.longest / unit} if made.longest else {})}
         if strict:
             self._options["suppress_algebraic"] = False
         self._usual = self._last = self._made({})

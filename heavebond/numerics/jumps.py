@@ -201,10 +201,10 @@ class EventEquations:
         residual = np.array(self._along(*columns, np.zeros((1, m)), moved.x, np.zeros((len(point.z), m)), moved.p)[0])
         return -np.linalg.solve(np.array(self._by_z(*point.values())), residual.reshape(-1, m))
 
-    def yielding(self, point: Point, fired: Sequence[int]) -> tuple[Point, list[int]]:
+    def yielding(self, point: Point, fired: Sequence[int], touch: float) -> tuple[Point, list[int]]:
         """The point after what gives way to the impulses of the events `fired`, and the events by which it does: friction
         that sticks holds a finite force, and a body that rests on another cannot pull it. Their conditions are looked at
-        under the force that gives the impulse within `EVENTS.impact_time`."""
+        under the force that gives the impulse within `touch` (s)."""
         yielded: list[int] = []
         for event in (e for e in fired if self._forces[e] is not None):
             for _ in range(EVENTS.max_cascades):
@@ -212,7 +212,7 @@ class EventEquations:
                 if not impulse or not np.isfinite(impulse):
                     break
                 p = point.p.copy()
-                p[self._forces[event]] = impulse/EVENTS.impact_time
+                p[self._forces[event]] = impulse/touch
                 loaded = self.settled(replace(point, p=p), fired)
                 before, (under, values) = (self._values(*at.values()) for at in (point, loaded))
                 turned = (np.array(under).ravel() > 0) & (np.array(before[0]).ravel() <= 0)
@@ -225,16 +225,16 @@ class EventEquations:
                 point, yielded = self.settled(point, more), yielded + more
         return point, yielded
 
-    def fire(self, point: Point, moved: PointSensitivity, fired: Sequence[int], delays: Sequence[Array], factors: Array
-             ) -> tuple[Point, PointSensitivity, list[int]]:
+    def fire(self, point: Point, moved: PointSensitivity, fired: Sequence[int], delays: Sequence[Array], factors: Array,
+             touch: float) -> tuple[Point, PointSensitivity, list[int]]:
         """The point and its derivatives after the events `fired` at one instant, with the delays dT (m,) of each, and the
-        events that their impulses set off (see `yielding`).
+        events that their impulses, within `touch` (s), set off (see `yielding`).
 
         All new values are those before the instant. Where events coincide that move differently with a parameter, the
         derivative is that for the order in which they stand.
         """
         begun = point
-        point, yielded = self.yielding(point, fired)
+        point, yielded = self.yielding(point, fired, touch)
         values, now = np.array(self._values(*point.values())[1]).ravel(), point
         values = self.partners.exchange(values, point, fired)
         if not moved.x.shape[1]:

@@ -32,6 +32,7 @@ from heavebond.numerics import compiled_cvodes, idas
 from heavebond.numerics.compiled_cvodes import CVODES, CompiledCvodes, Driving, Equations, Integrated, NotCompiled, Watch
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.forcing import Forcing
+from heavebond.numerics.idas import in_unit_of_time, time_unit
 from heavebond.numerics.initialise import Start, Tangent
 from heavebond.numerics.result import Probe
 from heavebond.numerics.simulator import Simulator
@@ -331,16 +332,16 @@ class QuickSimulator(Unexplained):
         solver = "rosenbrock" if self.one_step else "idas" if dae["z"].numel() else "cvodes"
         tolerances = self.tolerances.scaled(looser)
         options = {**solver_options(solver, dae, tolerances), "max_num_steps": self.most_steps}
-        given: dict[str, Any] = dict(dae)
-        if self.looks_up:
-            given = self._with_table()
+        unit = time_unit(self.stops)
+        given = in_unit_of_time(self._with_table() if self.looks_up else dae, unit)
         # the one-step method ends its steps at the samples of the inputs
         if longest := self.longest if self.one_step else self._longest():
-            options["max_step_size"] = longest
+            options["max_step_size"] = longest / unit
         if not dae["z"].numel():
             del given["z"], given["alg"]
-        outputs = list(self.stops[1:]) if len(self.stops) > 1 else [self.stops[0] + 1.0]
-        return Buffered(ca.integrator("run", solver, given, float(self.stops[0]), outputs, options), ("xf", "zf"))
+        begin = float(self.stops[0] / unit)
+        outputs = [float(t) for t in self.stops[1:] / unit] or [begin + 1.0]
+        return Buffered(ca.integrator("run", solver, given, begin, outputs, options), ("xf", "zf"))
 
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
         stopped = bool(self.assembly.flat.inputs) and not self.looks_up and not self.compiled

@@ -23,7 +23,7 @@ from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.event_integration import EventIntegration, reason, settled
 from heavebond.numerics.failure_messages import Stop, check_decided, explain_failure, stop_message, stop_times
 from heavebond.numerics.forcing import FORCING, Forcing
-from heavebond.numerics.idas import Idas, caught_errors, is_large
+from heavebond.numerics.idas import Idas, caught_errors, is_large, time_unit
 from heavebond.numerics.idas import Tolerances as Tolerances  # a part of this module's interface
 from heavebond.numerics.initialise import Start, Tangent, start, tangent
 from heavebond.numerics.inputs import Pieced, pieced
@@ -349,7 +349,7 @@ class Simulator:
     def _stop_time(self, times: list[float]) -> float:
         """When the integrator gave up (s; NaN if it did not say), by the times that it named."""
         if self.switching is None or self.switching.last is None:
-            return max(times) if times else float("nan")
+            return max(times) * time_unit(self.stops) if times else float("nan")
         return self.switching.last.time(times[-1]) if times else self.switching.last.begin.t
 
     def _stop(self, assembly: Assembly, first: Start, times: list[float]) -> Stop:

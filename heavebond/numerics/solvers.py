@@ -22,7 +22,7 @@ from heavebond.equations.buffered import Buffered
 from heavebond.language.sections import SOLVERS
 from heavebond.numerics import machine_code
 from heavebond.numerics.dae import Array, Assembly, Integrand
-from heavebond.numerics.idas import MOST_STEPS, Idas, Tolerances, integrator_options
+from heavebond.numerics.idas import MOST_STEPS, Idas, Tolerances, in_unit_of_time, integrator_options, time_unit
 from heavebond.numerics.machine_code import COMPILERS, MACHINE_CODE, Evaluated, Made, compiled
 
 DEFAULT = "idas"
@@ -128,12 +128,14 @@ class Explicit:
 
     def __init__(self, solver: str, made: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS):
         self._counts = solver == "cvodes"
-        outputs = [float(t) for t in stops[1:]] if len(stops) > 1 else [float(stops[0]) + 1.0]
-        options = {**solver_options(solver, made.dae, tolerances), "max_num_steps": most_steps}
+        unit = time_unit(stops)
+        dae, begin = in_unit_of_time(made.dae, unit), float(stops[0] / unit)
+        outputs = [float(t) for t in stops[1:] / unit] or [begin + 1.0]
+        options = {**solver_options(solver, dae, tolerances), "max_num_steps": most_steps}
         if made.longest:
-            options["max_step_size"] = made.longest
+            options["max_step_size"] = made.longest / unit
         def make(more: Mapping[str, Any]) -> ca.Function:
-            return ca.integrator("run", solver, made.dae, float(stops[0]), outputs, {**options, **more})
+            return ca.integrator("run", solver, dae, begin, outputs, {**options, **more})
 
         self._function = Evaluated(make, OUTPUTS) if solver != "rosenbrock" else Buffered(_compiled(make), OUTPUTS)
 

@@ -25,7 +25,7 @@ from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem, SimulationError, UsageError
 from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, Assembly
-from heavebond.numerics.idas import caught_errors, integrator_options
+from heavebond.numerics.idas import caught_errors, in_unit_of_time, integrator_options, time_unit
 from heavebond.numerics.initialise import Start, Tangent, start, tangent
 from heavebond.numerics.machine_code import Evaluated
 from heavebond.numerics.result import Result, columns
@@ -289,7 +289,9 @@ class Adjoint:
         # long steps where the adjoint states are quiet would leave the integrals over p inaccurate
         options = {**integrator_options(dae, simulator.tolerances), "nadj": number, "steps_per_checkpoint": room,
                    "quad_err_con": True}
-        given = ("back", "idas", dae, float(simulator.stops[0]), list(simulator.stops[1:]))
+        unit = time_unit(simulator.stops)
+        times = (simulator.stops / unit).tolist()
+        given = ("back", "idas", in_unit_of_time(dae, unit), times[0], times[1:])
         integrator = Evaluated(lambda more: ca.integrator(*given, {**options, **more}), ("xf", "adj_x0", "adj_p"))
         p = simulator.assembly.arguments[3]
         kept = simulator.integrand.hoist(p, ca.SX(p.numel(), 0))[self._kept.tolist()]
