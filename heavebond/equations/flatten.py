@@ -27,7 +27,7 @@ from heavebond.equations.expand import expand
 from heavebond.equations.expanded import Bound, Expanded
 from heavebond.equations.flat_unknowns import Unknowns
 from heavebond.equations.medium import with_media
-from heavebond.equations.output_checks import check_asked
+from heavebond.equations.output_checks import check_asked, with_nominal_sizes
 from heavebond.equations.ownership import Names, check_outputs, claim_clocks, claim_names
 from heavebond.equations.parameters import (
     FlatParameter,
@@ -232,7 +232,8 @@ class _Builder:
         self._make_templates()
         check_values(self.expanded, self.parameters, self.templates)
         made = Unknowns(self.expanded, self.network, self.templates, self.claimed, also)
-        self.unknowns, self.names, self.bonds, self.block_bonds = made.listed, made.names, made.bonds, made.block_bonds
+        self.names, self.bonds, self.block_bonds = made.names, made.bonds, made.block_bonds
+        self.unknowns = with_nominal_sizes(self.expanded.model, made.listed, self.names, self.problems)
         self.n = len(self.unknowns)
         named = [ca.SX.sym(u.name) for u in self.unknowns]  # as they are printed; those of derivatives made in one call
         self.columns = (stack(named), *(ca.SX.sym("d" * k + "v", self.n) for k in range(1, LEVELS)))

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 from heavebond.core.errors import Problems, listing, suggest
 from heavebond.core.units import ONE, Dimension, Unit, check_turns, dimension_text, read_unit
+from heavebond.equations.resolver import Unknown
 from heavebond.language import reading
+from heavebond.language.definition import Value
 from heavebond.language.model import Model
 from heavebond.language.sections import Condition, NamedOutput
 from heavebond.language.values import add_formula_problem, check_dimension
-from heavebond.text.dimensions import TRUTH
-from heavebond.text.expression import Expr, ExpressionProblem, Name, names, parse_formula
+from heavebond.text.dimensions import TRUTH, dimension
+from heavebond.text.expression import Expr, ExpressionProblem, Name, constant, names, parse_formula
 
 
 class Resolver(Protocol):
@@ -83,6 +86,32 @@ def _condition(condition: Condition, resolver: Resolver, held: Container[str], p
         return
     check_dimension(f"initial {condition.name}", condition.value, given,
                     Unit(dimension_text(wanted), 1.0, 0.0, wanted), problems)
+
+
+def with_nominal_sizes(model: Model, unknowns: Sequence[Unknown], names: Mapping[str, int], problems: Problems
+                       ) -> list[Unknown]:
+    """The unknowns with the sizes that the diagram states under `nominal:`; note names of no variable and wrong units."""
+    found = list(unknowns)
+    for path, setting in model.nominal.items():
+        assert isinstance(setting.value, Value)
+        if path not in names:
+            problems.add("name-unknown", f"nominal: there is no variable '{path}'", setting.place, hint=suggest(path, names)
+                         or f"A size belongs to a variable of a part or a node; there are {listing(list(names), 6)}.")
+            continue
+        unknown, number = found[names[path]], constant(setting.value.expr)
+        assert number is not None
+        before = len(problems.found)
+        try:
+            check_dimension(f"nominal {path}", setting.value, dimension(setting.value.expr, _no_name), unknown.unit, problems)
+        except ExpressionProblem as problem:
+            add_formula_problem(problem, setting.value, problems)
+        if len(problems.found) == before:
+            found[names[path]] = replace(unknown, nominal=number)
+    return found
+
+
+def _no_name(name: Name) -> Dimension:
+    raise ExpressionProblem("not-a-quantity", f"'{name.text}' is no number", name.column, name.length)
 
 
 def _varies(name: Name, resolver: Resolver) -> bool:

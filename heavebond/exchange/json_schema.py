@@ -80,6 +80,7 @@ def diagram() -> Schema:
         "parameters": _each(QUANTITY, "figures of your own, for formulas"), **BODY,
         "set": {"$ref": "#/definitions/settings"}, "remove": _said("parts of the extended diagram that go", WORDS),
         "initial": {"$ref": "#/definitions/initial"},
+        "nominal": _each(QUANTITY, "the size that a variable commonly has, for error control: `coil.i: 1 nA`"),
         "show": _each(_object({"is": _said("a formula; without it the name itself", FORMULA), "unit": UNIT}, ["unit"]),
                       "named outputs"),
         "simulate": _object({"until": TIME, "every": TIME, "solver": _said("what integrates a run; idas without it",

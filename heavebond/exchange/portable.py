@@ -6,7 +6,7 @@ of the diagram and the signals that are taken out of it; where an equation needs
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import factorial, inf
@@ -15,7 +15,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from heavebond.core.errors import ModelError, Place, Problem, UsageError, listing, suggest
+from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, UsageError, listing, suggest
 from heavebond.core.units import Unit, declared_unit, dimension_text, read_unit, times, unit
 from heavebond.equations.events import FlatEvent, Held
 from heavebond.equations.flatten import unclocked
@@ -33,6 +33,7 @@ from heavebond.numerics.jumps import differentiated
 from heavebond.numerics.matrices import null_space, scaled
 from heavebond.numerics.newton import weights
 from heavebond.numerics.result import signal_expression
+from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquations
 
 AT_ONCE = 1e-6  # s; of the records only the beginning is needed
@@ -121,6 +122,7 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
     """
     wanted = list(dict.fromkeys(inputs))
     assembly = assemble(model)
+    sizes = _sizes(assembly)
     assembly, column = _opened(assembly, wanted) if wanted else (assembly, _measured(assembly))
     if parts := foreign_parts(assembly.flat):
         raise ModelError([Problem("export-fmu", f"a diagram with an FMU in it cannot be exported: {listing(parts, 3)}",
@@ -138,7 +140,18 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
                                   "does not look for", next(e.place for e in assembly.flat.events if e.impulse),
                                   "Leave out friction that sticks (DryFriction) and further stops, or take elastic ones "
                                   "(EndStop).")])
-    return _portable(assembly, column, prefix)
+    return _portable(assembly.with_sizes(sizes) if sizes else assembly, column, prefix)
+
+
+def _sizes(assembly: Assembly) -> Mapping[str, float]:
+    """The sizes of unknowns that stay far below their nominal ones in a run of the diagram (see `numerics.sizes`); none where
+    it does not say how long it runs, or a run fails."""
+    if assembly.model.until is None or foreign_parts(assembly.flat):
+        return {}
+    try:
+        return Simulator(assembly).run().assembly.sizes
+    except HeavebondError:
+        return {}
 
 
 # -- inputs ----------------------------------------------------------------------------------------------------------

@@ -21,6 +21,7 @@ from heavebond.language.sections import (
     NamedOutput,
     Setting,
     read_initial,
+    read_nominal,
     read_plan,
     read_settings,
     read_show,
@@ -32,8 +33,8 @@ from heavebond.text.yaml_source import Node, Scalar, Source, parse, read
 if TYPE_CHECKING:
     import networkx as nx
 
-MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "remove", "initial", "show",
-              "simulate", "view", "source", "notes")
+MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "remove", "initial", "nominal",
+              "show", "simulate", "view", "source", "notes")
 LONGEST_CHAIN = 50
 
 
@@ -52,6 +53,7 @@ class Model:
     body: Body = field(default_factory=Body)
     settings: dict[str, Setting] = field(default_factory=dict)
     initial: Initial = field(default_factory=Initial)
+    nominal: dict[str, Setting] = field(default_factory=dict)
     show: dict[str, NamedOutput] = field(default_factory=dict)
     until: Value | None = None
     every: Value | None = None
@@ -325,6 +327,7 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
         parameters=parameters, body=Body(instances, wires),
         settings={**_kept_settings(base, body), **read_settings(root.items.get("set"), source, problems)},
         initial=read_initial(root.items.get("initial"), base.initial, problems),
+        nominal={**base.nominal, **read_nominal(root.items.get("nominal"), problems)},
         show={**base.show, **read_show(root.items.get("show"), problems)},
         until=plan.until or base.until, every=plan.every or base.every, solver=plan.solver or base.solver,
         view={**base.view, **read_view(root.items.get("view"), problems)},

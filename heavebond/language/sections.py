@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from math import inf
 
 from heavebond.core.errors import Place, Problems, listing, suggest
 from heavebond.core.units import Dimension, declared_unit
@@ -117,6 +118,28 @@ def _condition(name: str, item: Node, key: Scalar, problems: Problems) -> Condit
         return Condition(name, value, True, key.place) if value else None
     value = reading.value(item, name, problems)
     return Condition(name, value, False, key.place) if value else None
+
+
+def read_nominal(node: Node | None, problems: Problems) -> dict[str, Setting]:
+    """`nominal:` of a diagram: the size that each of these variables commonly has, a plain quantity above 0."""
+    found: dict[str, Setting] = {}
+    entries = reading.mapping(node, "nominal", problems, "Write `nominal: {coil.i: 1 nA}`.")
+    for key, item in (entries.items if entries else {}).items():
+        assert entries is not None
+        path, place = reading.element_path(key), entries.keys[key].place
+        value = reading.value(item, path, problems)
+        number = constant(value.expr) if value is not None else None
+        if value is None:
+            continue
+        if value.formula or number is None:
+            problems.add("not-a-quantity", f"nominal {path}: '{value.text}' is not a plain quantity", value.place,
+                         hint="Write for example `1 nA`; a nominal size is known before any parameter.")
+        elif not 0 < number < inf:
+            problems.add("nominal-not-positive", f"nominal {path}: '{value.text}' is a size: it must be above 0", value.place,
+                         hint="Write the size that the variable commonly has, for example `1 nA`.")
+        else:
+            found[path] = Setting(path, value, place)
+    return found
 
 
 def read_show(node: Node | None, problems: Problems) -> dict[str, NamedOutput]:

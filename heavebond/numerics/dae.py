@@ -51,6 +51,7 @@ class Assembly:
     rates: ca.Function
     values: ca.Function
     pivots: ca.Function
+    sizes: Mapping[str, float] = field(default_factory=dict, repr=False)  # that replace nominal ones, see `with_sizes`
     memo: dict[object, Any] = field(default_factory=dict, repr=False, compare=False)  # see `once`
 
     def __repr__(self) -> str:
@@ -116,6 +117,14 @@ class Assembly:
                 raise UsageError([Problem("parameter-unknown", f"'{name}' cannot be set", None, hint)])
             indices.append(index[name])
         return indices
+
+    def with_sizes(self, sizes: Mapping[str, float]) -> Assembly:
+        """The same equations with other nominal sizes of states and algebraic unknowns, by name: those that scale the
+        integration and its absolute tolerances."""
+        flat, reduced = self.flat, self.reduced
+        x, z = (np.array([sizes.get(reduced.name(c), flat.unknowns[c[0]].nominal) for c in columns])
+                for columns in (reduced.states, reduced.algebraic))
+        return replace(self, x_nominal=x, z_nominal=z, sizes=dict(sizes), memo={})
 
     def _number(self, name: str, given: float | str, index: int) -> float:
         if not isinstance(given, str):

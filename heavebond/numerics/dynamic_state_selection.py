@@ -155,7 +155,8 @@ class StateChoices:
         """The chart of these states; ModelError where events set what is none of them."""
         key = frozenset(states)
         if key not in self._made:
-            self._made[key] = StateChoice(build(self.home.assembly.reduced.choices.solve(states)))
+            self._made[key] = StateChoice(
+                build(self.home.assembly.reduced.choices.solve(states)).with_sizes(self.home.assembly.sizes))
         return self._made[key]
 
 

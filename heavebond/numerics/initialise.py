@@ -132,6 +132,8 @@ class StartSearch:
         self.shut_in: tuple[str, ...] = ()
         self.steps = 0
         self.in_turn = False
+        # the residual of a condition such as x = 1 nm is below that of a solution at x = 0
+        self.fine = bool(assembly.sizes) or equations.asks_tiny_values(assembly.p)
 
     def _guess(self) -> Array:
         values = self.equations.guess(self.assembly.p)
@@ -175,6 +177,8 @@ class StartSearch:
         y = self.y0
         for system in (self.equations.aims, self.equations.conditions):
             found = newton(self._scaled(system), y, self.frame)
+            if self.fine and found.good:
+                found = sharpened(self._scaled(system), found, self.frame)
             y = found.y
             self.steps += found.steps
         try:
@@ -191,6 +195,8 @@ class StartSearch:
         best: NewtonResult | None = None
         for attempt in range(6 + INITIALISATION.max_shifts):
             found = self._attempt(system, first, attempt)
+            if self.fine and found.good:
+                found = sharpened(system, found, self.frame)
             self.steps += found.steps
             if found.good:
                 return self._nearest(system, first, found.y) if self.equations.steady else found.y
@@ -310,7 +316,7 @@ class StartSearch:
 
         frame = Scaling(self.assembly.z_nominal, self.frame.low[inner], self.frame.high[inner])
         found = newton(at, y[inner], frame)
-        if found.good and found.steps:
+        if found.good and (found.steps or self.fine):
             found = sharpened(at, found, frame)
         raw, jacobian = at(found.y)
         if not found.good:

@@ -34,7 +34,7 @@ from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.forcing import Forcing
 from heavebond.numerics.idas import in_unit_of_time, time_unit
 from heavebond.numerics.initialise import Start, Tangent
-from heavebond.numerics.result import Probe
+from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.solvers import CVODES_SHARE, Choice, Integrator, integrator, solver_options
 from heavebond.numerics.trace import Trace
@@ -88,6 +88,8 @@ class Unexplained(Simulator):
         self.method = None if of is None else of.method
         self.driver: CompiledCvodes | None = None
         self._last: tuple[Array, Start, Tangent | None] | None = None  # what was felt, and the start with it
+        self._whole: Integrated | None = None  # the first run of `measured` with its states, which set the sizes of all
+        self._measured = False
         super().__init__(*given, like=like, **named)
 
     @property
@@ -159,8 +161,14 @@ class Unexplained(Simulator):
             began = clock.perf_counter()
             assembly, first, moved = self._started(parameters)
             found = self._signals(first, moved, watch)
+            if (whole := self._whole) is not None and not self.assembly.sizes:
+                self._whole = None
+                if sizes := self._fitting_sizes(assembly, first, moved, self._states(whole)):
+                    self._take_sizes(sizes)
+                    assembly, first, moved = self._started(parameters)
+                    found = self._signals(first, moved, watch)
             if found is None:
-                result = self._result(assembly, first, moved, began)
+                result = self._result(assembly, first, moved, began, lambda: self._started(parameters))
                 sensitivities = self.probe.sensitivities(result) if moved is not None else np.zeros((0, 0, 0))
                 return self.probe.values(result), sensitivities
             return found[:, 0].T, np.ascontiguousarray(np.moveaxis(found[:, 1:] / self._sizes(moved)[:, None], 0, -1))
@@ -190,7 +198,9 @@ class Unexplained(Simulator):
             watch(int(begin), signals[self._keep[begin:end] - seen].T)
 
         try:
-            found = self._compiled(self.driver, first, moved, False, watch and at_outputs).signals[self._keep]
+            integrated = self._compiled(self.driver, first, moved, not self._measured, watch and at_outputs)
+            self._whole, self._measured = None if self._measured else integrated, True
+            found = integrated.signals[self._keep]
         except RuntimeError as error:
             check()
             if self.driver.equations.n_z:
@@ -221,10 +231,19 @@ class Unexplained(Simulator):
             if not hasattr(self, "integrator"):
                 super().prepare()
             return super().attempt(first, moved)
+        return self._states(found)
+
+    def _states(self, found: Integrated) -> Trace:
+        """A run of the compiled program without integrals."""
+        assert self.driver is not None
         blocks = 1 + len(self.sensitivities)
         x_size, z_size = np.tile(self.assembly.x_nominal, blocks), np.tile(self.assembly.z_nominal, blocks)
         return self._trace(found.x * x_size[:, None], found.z * z_size[:, None], np.zeros((0, len(self.stops))),
                            dict(self.driver.stats()))
+
+    def _take_sizes(self, sizes: Mapping[str, float]) -> None:
+        self._last = None
+        super()._take_sizes(sizes)
 
     def _check_rates(self, assembly: Assembly, first: Start) -> None:
         """Nothing: the number of steps is limited."""
@@ -272,6 +291,19 @@ class CaseSimulator(Unexplained):
         if assembly.flat.events or self.charts.needed or self.sensitivities or compiled_cvodes.program() is None:
             return None
         return _equations(assembly, None, (), self.quadratures, None if self.factors is None else self.factors.symbols)
+
+    def run(self, parameters: Mapping[str, float | str] | None = None) -> Result:
+        """As of a `Simulator`; sizes that fit one case are not those of the next."""
+        try:
+            return super().run(parameters)
+        finally:
+            if self.assembly.sizes:
+                self._take_sizes({})
+
+    def _take_sizes(self, sizes: Mapping[str, float]) -> None:
+        super()._take_sizes(sizes)
+        if self.driver is not None:
+            self.driver.method = CVODES
 
     def _limit_steps(self, assembly: Assembly) -> bool:
         self.forcing = self.assembly.once("forcing", lambda: Forcing(self.assembly))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
 from threading import RLock
@@ -31,6 +31,7 @@ from heavebond.numerics.jumps import EventEquations
 from heavebond.numerics.looks import Looks
 from heavebond.numerics.output_times import DENSE_POINTS, Time, grid, refined
 from heavebond.numerics.result import ForwardSensitivities, Result, Settle, Stayed
+from heavebond.numerics.sizes import SIZES, far_below, fitting_sizes
 from heavebond.numerics.solvers import DEFAULT, RETYPE, Choice, Explicit, Integrator, algebraic_left, chosen, integrator
 from heavebond.numerics.start_equations import Point, StartEquations
 from heavebond.numerics.trace import Frame, Points, Trace
@@ -56,6 +57,7 @@ class Simulator:
         can be taken from another simulator (`like`) is not made again; `driven` are inputs to be taken instead of the
         records'. With `dense` a result has points between its output points (see `Result.dense`)."""
         self.assembly, self._turn = assembly, RLock()
+        self._sized = {tuple(sorted(assembly.sizes.items())): assembly}
         check_allowed(assembly.flat, allow_fmu, sensitivities := tuple(sensitivities))
         self.tolerances = tolerances or Tolerances()
         self.parameters = sensitivities
@@ -197,7 +199,7 @@ class Simulator:
         check()
         began = clock.perf_counter()
         with self._turn:
-            return self._result(*self._started(parameters), began)
+            return self._result(*self._started(parameters), began, lambda: self._started(parameters))
 
     begun: Start | None = None  # where the last run began
 
@@ -227,15 +229,24 @@ class Simulator:
                         z0[n_z:].reshape(len(self.sensitivities), n_z).T * assembly.z_nominal[:, None], self.along)
         return self._result(assembly, first, moved, clock.perf_counter())
 
-    def _result(self, assembly: Assembly, first: Start, moved: Tangent | None, began: float) -> Result:
+    def _result(self, assembly: Assembly, first: Start, moved: Tangent | None, began: float,
+                again: Callable[[], tuple[Assembly, Start, Tangent | None]] | None = None) -> Result:
+        """A run; where its unknowns stay far below their nominal sizes and `again` gives its start, with sizes that fit."""
         started = clock.perf_counter()
         with self._turn:
             if self._limit_steps(assembly):
                 self._renew()
             found = self._integrate(assembly, first, moved)
+            for _ in range(SIZES.max_repeats if again is not None else 0):
+                if not (sizes := self._fitting_sizes(assembly, first, moved, found)):
+                    break
+                self._take_sizes({**self.assembly.sizes, **sizes})
+                assembly, first, moved = again()
+                found = self._integrate(assembly, first, moved)
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         statistics = {"solver": self.solver.name, "why": self.solver.why, "seconds": seconds,
-                      "start_steps": first.steps, **found.statistics}
+                      "start_steps": first.steps, **found.statistics,
+                      **({"sizes": dict(self.assembly.sizes)} if self.assembly.sizes else {})}
         sizes = self._sizes(moved)
         instants = found.instants if moved is None else tuple(replace(i, delays=i.delays / sizes) for i in found.instants)
         n_q = self.integrals // (1 + len(self.sensitivities))
@@ -271,6 +282,47 @@ class Simulator:
             return taken(trace, times, np.arange(len(times))), settle
 
         return replace(result, between=dense)
+
+    def _fitting_sizes(self, assembly: Assembly, first: Start, moved: Tangent | None, found: Trace) -> dict[str, float]:
+        """Sizes of unknowns that fit a run, where it stays far below those that it was integrated with."""
+        own = np.ones(len(self.stops), bool)
+        reached, nominal, declared = dict[str, float](), dict[str, float](), dict[str, float]()
+        for stay in found.stays:
+            own &= ~stay.at
+        for of, x, z in ((assembly, found.x[:, own], found.z[:, own]), *((s.assembly, s.x[:, s.at], s.z[:, s.at])
+                                                                         for s in found.stays)):
+            for names, columns, sizes, values in (
+                    (of.state_names, of.reduced.states, of.x_nominal, x),
+                    (of.algebraic_names, of.reduced.algebraic, of.z_nominal, z)):
+                if not names:
+                    continue
+                largest = np.abs(values).max(axis=1, initial=0.0).reshape(-1, len(names))
+                # what is zero throughout is as large as its sensitivities to a parameter's own size
+                along = largest[1:].max(axis=0, initial=0.0) / self.tolerances.along
+                for k, (name, (j, _)) in enumerate(zip(names, columns, strict=True)):
+                    reached[name] = max(reached.get(name, 0.0), float(largest[0, k] or along[k]))
+                    nominal[name], declared[name] = float(sizes[k]), of.flat.unknowns[j].nominal
+        small = far_below(reached, nominal, declared)
+        if not small:
+            return {}
+        chosen = np.unique(np.linspace(0, len(self.stops) - 1, SIZES.points).astype(int))
+        times, n = self.stops[chosen], len(chosen)
+        columns = (times[None, :], found.x[:len(first.x), chosen], found.z[:len(first.z), chosen],
+                   np.tile(first.p[:, None], (1, n)), self.pieces.at(times), np.ones((1, n)))
+        steps = found.statistics.get("nsteps", len(self.stops))
+        assert isinstance(steps, int)
+        return fitting_sizes(assembly, small, reached, columns, steps, self.tolerances.atol)
+
+    def _take_sizes(self, sizes: Mapping[str, float]) -> None:
+        """Integrate further runs with other sizes of some unknowns."""
+        self.assembly = self._sized.setdefault(tuple(sorted(sizes.items())), self.assembly.with_sizes(sizes))
+        for name in ("integrand", "loops", "_hoist", "equations"):
+            self.__dict__.pop(name, None)
+        self.start_equations = self.assembly.once("start", lambda: StartEquations(self.assembly))
+        self.charts, self._known_slopes = StateChoices(self.assembly), {}
+        self.prepare()
+        if self.switching is not None:
+            self.switching = self._switching(self.charts, self.switching.changes)
 
     def _check_decided(self, result: Result) -> None:
         """SimulationError where a run went on although nothing decided an algebraic unknown, in any of its charts."""

@@ -20,6 +20,7 @@ from heavebond.language.smoothing import SmoothedColumn, rounded
 from heavebond.language.symbols import CORNERS, split, stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.matrices import MATRICES, Matrix
+from heavebond.numerics.sizes import SIZES
 from heavebond.numerics.sparse_jacobian import jacobian
 
 
@@ -291,6 +292,13 @@ class StartEquations:
         """Whether every variable and rate is a number at a point, and no coefficient that was divided by is zero."""
         found = list(self._told(*point.values()).values())
         return all(np.isfinite(values).all() for values in found) and bool(np.all(found[0] != 0))
+
+    def asks_tiny_values(self, p: Array) -> bool:
+        """True if a condition asks for a value other than 0 that is far below the nominal size of its variable."""
+        flat = self.assembly.flat
+        places = {name: k for k, name in enumerate(self.assembly.parameter_names)}
+        return any(0 < abs(p[places[f"initial.{name}"]]) < SIZES.small * flat.unknowns[flat.names[name]].nominal
+                   for name in self.initial.conditions if name in flat.names and f"initial.{name}" in places)
 
     @cached_property
     def constants(self) -> tuple[list[Pivot], Buffered]:

@@ -96,8 +96,8 @@ class Adjoint:
     """
 
     def __init__(self, simulator: Simulator, evaluator: Evaluator, names: Sequence[str]):
-        self.simulator, self.evaluator = simulator, evaluator
-        assembly = simulator.assembly
+        self.simulator, self.evaluator, self._names = simulator, evaluator, names
+        assembly = self._assembly = simulator.assembly
         assembly.parameter_indices(names)  # UsageError for a name that cannot be set
         if assembly.flat.events:
             raise UsageError([Problem("adjoint-events", "a run backwards does not go through events", None,
@@ -130,6 +130,7 @@ class Adjoint:
         """
         if run.statistics.get("state_changes"):
             raise _other_states(run)
+        self._follow_sizes()
         slopes = self.evaluator.cost_slopes(run, references)
         ends = [self._end(run, slope) for slope in slopes]
         moved = self._moved(run.start)
@@ -163,6 +164,13 @@ class Adjoint:
         along = (moved.x.T @ by_x + moved.p.T @ by_p) / weights
         return [(slope.value, along @ slope.by_integral + moved.p.T @ slope.by_p)
                 for slope in self.evaluator.cost_slopes(run, references)]
+
+    def _follow_sizes(self) -> None:
+        """Take the nominal sizes that the simulator has taken since (see `numerics.sizes`)."""
+        if self._assembly is not self.simulator.assembly:
+            steps = self._steps
+            Adjoint.__init__(self, self.simulator, self.evaluator, self._names)
+            self._steps = steps
 
     def _result(self, assembly: Assembly, first: Start, after: Array) -> Result:
         """The run that an integrator without algebraic unknowns made on its way: states and integrals (n_all, stops)."""

@@ -1,0 +1,93 @@
+"""Sizes that a run reaches, against those that its error control assumes.
+
+The absolute tolerance of an unknown is `atol` times its nominal size, usually that of its unit. A run that stays far below
+(picometres, nanovolts) has no relative accuracy: its errors are of the size of the motion. The largest values of a run are
+therefore compared with the nominal sizes. If an unknown stays far below, the run is repeated with the size that it reached.
+
+An unknown that is zero but for rounding, as the middle of a symmetric machine, has no size. Rounding of the right-hand side
+f(t, x, z, p) is estimated as eps sum |df/dv| |v| over all arguments v. With x' = f it changes a state by that times the length
+of the run, or times the time constant of the state where that is shorter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from heavebond.language.symbols import stack
+from heavebond.numerics.dae import Array, Assembly
+
+EPS = float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True)
+class SizeConstants:
+    """The constants of the comparison of a run with the nominal sizes of its unknowns.
+
+    small: largest value of an unknown, in its nominal size, below which the run is repeated. Origin: at the default
+        tolerances the absolute one then allows a hundred times the relative one, an error of about 1e-5 of the largest
+        value over a run. Doubled: runs with errors of half that are repeated too.
+    rounding: multiple of the estimated rounding below which a value is no motion. Origin: the estimate leaves out that
+        rounding grows with the number of evaluations and is passed on between states. Doubled: smaller motions beside
+        large cancelling forces are not followed.
+    max_repeats: repetitions of a run. Origin: the first one may have sizes that were errors. Doubled: nothing measurable.
+    points: points of a run at which rounding is estimated. Origin: extremes of most motions. Doubled: nothing measurable.
+    """
+
+    small: float = 1e-4
+    rounding: float = 1e3
+    max_repeats: int = 3
+    points: int = 16
+
+
+SIZES = SizeConstants()
+
+
+def far_below(reached: Mapping[str, float], nominal: Mapping[str, float], declared: Mapping[str, float]) -> list[str]:
+    """The unknowns whose largest values stay far below their present nominal sizes, and that are not zero but for the
+    rounding of the largest unknown in its `declared` nominal size."""
+    largest = max((value / declared[name] for name, value in reached.items() if np.isfinite(value)), default=0.0)
+    return [name for name, value in reached.items()
+            if EPS * largest * declared[name] < value < SIZES.small * nominal[name]]
+
+
+def fitting_sizes(assembly: Assembly, names: Sequence[str], reached: Mapping[str, float], columns: Sequence[Array],
+                  steps: int, atol: float) -> dict[str, float]:
+    """Sizes of some unknowns that fit a run, powers of ten; none of an unknown that is zero but for rounding, and none so
+    small that rounding would exceed its absolute tolerance. `columns` are the arguments (., N) along the run."""
+    rates, slowest, algebraic = _rounding(assembly, columns)
+    span = float(np.ptp(columns[0]))
+    known = {name: (rates[k] * min(span, slowest[k]), rates[k] * min(span / max(steps, 1), slowest[k]))
+             for k, name in enumerate(assembly.state_names)}
+    known |= {name: (algebraic[k], algebraic[k]) for k, name in enumerate(assembly.algebraic_names)}
+    nominal = dict(zip([*assembly.state_names, *assembly.algebraic_names], [*assembly.x_nominal, *assembly.z_nominal],
+                       strict=True))
+    found = {}
+    for name in names:
+        whole, in_step = known.get(name, (0.0, 0.0))
+        size = 10.0 ** np.ceil(np.log10(max(reached[name], in_step / atol)))
+        if reached[name] > SIZES.rounding * whole and size < nominal.get(name, np.inf):
+            found[name] = float(size)
+    return found
+
+
+def _rounding(assembly: Assembly, columns: Sequence[Array]) -> tuple[Array, Array, Array]:
+    """The largest rounding of x' (n_x,) and of z (n_z,) along a run, and the time constant 1/|df_k/dx_k| (n_x,) of each
+    state, all at some of its points."""
+    n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
+    t, x, z, p, _, _ = assembly.arguments
+    function = assembly.once("rounding", lambda: ca.Function("rounding", list(assembly.arguments), [
+        ca.jacobian(stack([assembly.ode, assembly.alg]), stack([x, z, t, p]))]))
+    chosen = np.unique(np.linspace(0, columns[0].shape[1] - 1, SIZES.points).astype(int))
+    rates, algebraic, slopes = np.zeros(n_x), np.zeros(n_z), np.zeros(n_x)
+    for k in chosen:
+        t_k, x_k, z_k, p_k, u_k, rate = (a[:, k] for a in columns)
+        slope = np.nan_to_num(np.array(function(t_k, x_k, z_k, p_k, u_k, rate).full()), posinf=0.0, neginf=0.0)
+        rounded = EPS * np.abs(slope) @ np.abs(np.concatenate([x_k, z_k, t_k, p_k]))
+        loops = np.abs(np.linalg.pinv(slope[n_x:, n_x:n_x + n_z])) @ rounded[n_x:]
+        rates = np.maximum(rates, rounded[:n_x] + np.abs(slope[:n_x, n_x:n_x + n_z]) @ loops)
+        algebraic, slopes = np.maximum(algebraic, loops), np.maximum(slopes, np.abs(np.diagonal(slope[:n_x, :n_x])))
+    return rates, 1 / np.maximum(slopes, 1e-300), algebraic
