@@ -86,7 +86,7 @@ class Result:
     def verdict(self) -> Verdict:
         """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
-        findings = [*self._true_at_start(), *self._placeholders(), *self._unstable_start()]
+        findings = [*self._true_at_start(), *self._placeholders(), *self._unfit(), *self._unstable_start()]
         return judged(list(_stretches(self)), findings, dense)
 
     @cached_property
@@ -128,6 +128,17 @@ class Result:
         return [Finding("placeholder", path, path, float(self.time[0]), 0.0, None, "",
                         f"{leaf.component.placeholder.partition(';')[0]}. Write its law, or take it out")
                 for path, leaf in leaves.items() if leaf.component.placeholder]
+
+    def _unfit(self) -> list[Finding]:
+        """Unknowns that stay far below the sizes of their absolute tolerances, with which the run could not be repeated."""
+        found = self.statistics.get("unfit", {})
+        assert isinstance(found, Mapping)
+        flat = self.assembly.flat
+        unknowns = {self.assembly.reduced.name(c): flat.unknowns[c[0]]
+                    for c in (*self.assembly.reduced.states, *self.assembly.reduced.algebraic)}
+        return [Finding("scale", name, name.rpartition(".")[0], float(self.time[0]), float(size), unknowns[name].nominal,
+                        unknowns[name].unit.text, f"State its size, `nominal: {{{name}: {size:g} {unknowns[name].unit.text}}}`")
+                for name, size in found.items() if name in unknowns]
 
     def plot(self, *names: str) -> Figure:
         """A matplotlib figure of signals over time, of the outputs under `show:` where none is named: one axes per unit."""

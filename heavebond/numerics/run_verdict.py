@@ -60,6 +60,9 @@ class Finding:
             return f"the condition of {self.name} is true at the start, which lets nothing happen"
         if self.kind == "unstable-start":
             return f"{self.name} starts at an unstable equilibrium, {value}"
+        if self.kind == "scale":
+            return f"{self.name} stays at {value}, far below the size {readable(self.limit or 0.0, self.unit)} of its " \
+                "absolute tolerance, so that it is not accurate; the run with a tolerance that fits failed"
         if self.kind == "placeholder":
             return f"{self.name} has no law: it is a placeholder"
         limit = readable(self.limit or 0.0, self.unit)
@@ -74,7 +77,7 @@ class Finding:
 
 # whether a run with such a finding is worthless
 KINDS = {"not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False, "growth": False,
-         "true-at-start": False, "unstable-start": False, "placeholder": False}
+         "scale": False, "true-at-start": False, "unstable-start": False, "placeholder": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 

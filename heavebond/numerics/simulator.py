@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.cancellation import check
-from heavebond.core.errors import HeavebondError, Problem, SimulationError, UsageError
+from heavebond.core.errors import HeavebondError, Problem, SimulationError, StartError, UsageError
 from heavebond.core.limits import RATE
 from heavebond.equations.buffered import Buffered
 from heavebond.numerics.co_simulation import check_allowed
@@ -237,16 +237,25 @@ class Simulator:
             if self._limit_steps(assembly):
                 self._renew()
             found = self._integrate(assembly, first, moved)
+            unfit: dict[str, float] = {}
             for _ in range(SIZES.max_repeats if again is not None else 0):
                 if not (sizes := self._fitting_sizes(assembly, first, moved, found)):
                     break
-                self._take_sizes({**self.assembly.sizes, **sizes})
-                assembly, first, moved = again()
-                found = self._integrate(assembly, first, moved)
+                before = self.assembly.sizes
+                self._take_sizes({**before, **sizes})
+                try:
+                    sized, *started_again = again()
+                    found = self._integrate(sized, *started_again)
+                except (StartError, SimulationError):  # the run before stands, and its verdict names these unknowns
+                    self._take_sizes(before)
+                    unfit = sizes
+                    break
+                assembly, (first, moved) = sized, started_again
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         statistics = {"solver": self.solver.name, "why": self.solver.why, "seconds": seconds,
                       "start_steps": first.steps, **found.statistics,
-                      **({"sizes": dict(self.assembly.sizes)} if self.assembly.sizes else {})}
+                      **({"sizes": dict(self.assembly.sizes)} if self.assembly.sizes else {}),
+                      **({"unfit": unfit} if unfit else {})}
         sizes = self._sizes(moved)
         instants = found.instants if moved is None else tuple(replace(i, delays=i.delays / sizes) for i in found.instants)
         n_q = self.integrals // (1 + len(self.sensitivities))
@@ -305,6 +314,12 @@ class Simulator:
         small = far_below(reached, nominal, declared)
         if not small:
             return {}
+        if len(self.stops) < SIZES.least_stops:
+            times = np.linspace(self.stops[0], self.stops[-1], SIZES.least_stops)
+            dense = Simulator(assembly, times=np.union1d(self.time, times), tolerances=self.tolerances, driven=self.pieces,
+                              allow_fmu=True)
+            sizes = dense.run().assembly.sizes
+            return {} if sizes == assembly.sizes else dict(sizes)
         chosen = np.unique(np.linspace(0, len(self.stops) - 1, SIZES.points).astype(int))
         times, n = self.stops[chosen], len(chosen)
         columns = (times[None, :], found.x[:len(first.x), chosen], found.z[:len(first.z), chosen],

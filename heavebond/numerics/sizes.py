@@ -6,7 +6,7 @@ therefore compared with the nominal sizes. If an unknown stays far below, the ru
 
 An unknown that is zero but for rounding, as the middle of a symmetric machine, has no size. Rounding of the right-hand side
 f(t, x, z, p) is estimated as eps sum |df/dv| |v| over all arguments v. With x' = f it changes a state by that times the length
-of the run, or times the time constant of the state where that is shorter.
+of the run, or times the time constant of the state if that is shorter, and passes on to the states that contain it.
 """
 
 from __future__ import annotations
@@ -30,17 +30,19 @@ class SizeConstants:
     small: largest value of an unknown, in its nominal size, below which the run is repeated. Origin: at the default
         tolerances the absolute one then allows a hundred times the relative one, an error of about 1e-5 of the largest
         value over a run. Doubled: runs with errors of half that are repeated too.
-    rounding: multiple of the estimated rounding below which a value is no motion. Origin: the estimate leaves out that
-        rounding grows with the number of evaluations and is passed on between states. Doubled: smaller motions beside
-        large cancelling forces are not followed.
+    rounding: multiple of the estimated rounding below which a value is no motion. Origin: the estimate leaves out what
+        passes through several states. Doubled: smaller motions beside large cancelling forces are not followed.
     max_repeats: repetitions of a run. Origin: the first one may have sizes that were errors. Doubled: nothing measurable.
     points: points of a run at which rounding is estimated. Origin: extremes of most motions. Doubled: nothing measurable.
+    least_stops: stops of a run from which on they show how large its unknowns become. Origin: an oscillation of a few
+        cycles. Doubled: more runs are made once more with these stops where an unknown seems small.
     """
 
     small: float = 1e-4
-    rounding: float = 1e3
+    rounding: float = 30.0
     max_repeats: int = 3
     points: int = 16
+    least_stops: int = 100
 
 
 SIZES = SizeConstants()
@@ -58,36 +60,35 @@ def fitting_sizes(assembly: Assembly, names: Sequence[str], reached: Mapping[str
                   steps: int, atol: float) -> dict[str, float]:
     """Sizes of some unknowns that fit a run, powers of ten; none of an unknown that is zero but for rounding, and none so
     small that rounding would exceed its absolute tolerance. `columns` are the arguments (., N) along the run."""
-    rates, slowest, algebraic = _rounding(assembly, columns)
     span = float(np.ptp(columns[0]))
-    known = {name: (rates[k] * min(span, slowest[k]), rates[k] * min(span / max(steps, 1), slowest[k]))
-             for k, name in enumerate(assembly.state_names)}
-    known |= {name: (algebraic[k], algebraic[k]) for k, name in enumerate(assembly.algebraic_names)}
-    nominal = dict(zip([*assembly.state_names, *assembly.algebraic_names], [*assembly.x_nominal, *assembly.z_nominal],
-                       strict=True))
+    every = [*assembly.state_names, *assembly.algebraic_names]
+    whole, in_step = (dict(zip(every, _rounding(assembly, columns, time), strict=True)) for time in (span, span / max(steps, 1)))
+    nominal = dict(zip(every, [*assembly.x_nominal, *assembly.z_nominal], strict=True))
     found = {}
     for name in names:
-        whole, in_step = known.get(name, (0.0, 0.0))
-        size = 10.0 ** np.ceil(np.log10(max(reached[name], in_step / atol)))
-        if reached[name] > SIZES.rounding * whole and size < nominal.get(name, np.inf):
+        size = 10.0 ** np.ceil(np.log10(max(reached[name], in_step.get(name, 0.0) / atol)))
+        if reached[name] > SIZES.rounding * whole.get(name, 0.0) and size < nominal.get(name, np.inf):
             found[name] = float(size)
     return found
 
 
-def _rounding(assembly: Assembly, columns: Sequence[Array]) -> tuple[Array, Array, Array]:
-    """The largest rounding of x' (n_x,) and of z (n_z,) along a run, and the time constant 1/|df_k/dx_k| (n_x,) of each
-    state, all at some of its points."""
+def _rounding(assembly: Assembly, columns: Sequence[Array], time: float) -> Array:
+    """The largest rounding of x and z (n_x + n_z,) that adds up in a time (s), from some points of a run: that of each
+    unknown's own equation, and for states that of the other states in it (a position from its speed)."""
     n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
     t, x, z, p, _, _ = assembly.arguments
     function = assembly.once("rounding", lambda: ca.Function("rounding", list(assembly.arguments), [
         ca.jacobian(stack([assembly.ode, assembly.alg]), stack([x, z, t, p]))]))
-    chosen = np.unique(np.linspace(0, columns[0].shape[1] - 1, SIZES.points).astype(int))
-    rates, algebraic, slopes = np.zeros(n_x), np.zeros(n_z), np.zeros(n_x)
-    for k in chosen:
+    largest = np.zeros(n_x + n_z)
+    for k in np.unique(np.linspace(0, columns[0].shape[1] - 1, SIZES.points).astype(int)):
         t_k, x_k, z_k, p_k, u_k, rate = (a[:, k] for a in columns)
         slope = np.nan_to_num(np.array(function(t_k, x_k, z_k, p_k, u_k, rate).full()), posinf=0.0, neginf=0.0)
         rounded = EPS * np.abs(slope) @ np.abs(np.concatenate([x_k, z_k, t_k, p_k]))
         loops = np.abs(np.linalg.pinv(slope[n_x:, n_x:n_x + n_z])) @ rounded[n_x:]
-        rates = np.maximum(rates, rounded[:n_x] + np.abs(slope[:n_x, n_x:n_x + n_z]) @ loops)
-        algebraic, slopes = np.maximum(algebraic, loops), np.maximum(slopes, np.abs(np.diagonal(slope[:n_x, :n_x])))
-    return rates, 1 / np.maximum(slopes, 1e-300), algebraic
+        rates = rounded[:n_x] + np.abs(slope[:n_x, n_x:n_x + n_z]) @ loops
+        by_x, own = np.abs(slope[:n_x, :n_x]), np.abs(np.diagonal(slope[:n_x, :n_x]))
+        times = np.minimum(time, 1 / np.maximum(own, 1e-300))
+        first = rates * times
+        passed = (by_x @ first - own * first) * times
+        largest = np.maximum(largest, np.concatenate([first + passed, loops]))
+    return largest

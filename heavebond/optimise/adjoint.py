@@ -144,6 +144,7 @@ class Adjoint:
         Where costs are made of few integrals, and nothing jumps at the end that only a run could tell, one call integrates
         forward and then back for every integral, whatever the costs make of them. Raises as a run does.
         """
+        self._follow_sizes()
         n_q = len(self.evaluator.integrated)
         told_by_a_run = self._ends is not None or self.simulator.assembly.z_nominal.size > 0 or \
             self.simulator.switching is not None
