@@ -102,7 +102,8 @@ def with_nominal_sizes(model: Model, unknowns: Sequence[Unknown], names: Mapping
         assert number is not None
         before = len(problems.found)
         try:
-            check_dimension(f"nominal {path}", setting.value, dimension(setting.value.expr, _no_name), unknown.unit, problems)
+            given = dimension(setting.value.expr, _no_name)
+            check_dimension(f"nominal {path}", setting.value, given, unknown.unit, problems)
         except ExpressionProblem as problem:
             add_formula_problem(problem, setting.value, problems)
         if len(problems.found) == before:

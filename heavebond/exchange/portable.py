@@ -144,8 +144,8 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
 
 
 def _sizes(assembly: Assembly) -> Mapping[str, float]:
-    """The sizes of unknowns that stay far below their nominal ones in a run of the diagram (see `numerics.sizes`); none where
-    it does not say how long it runs, or a run fails."""
+    """The sizes of unknowns that stay far below their nominal ones in a run of the diagram (see `numerics.sizes`); none if
+    it does not state `until:`, or if the run fails."""
     if assembly.model.until is None or foreign_parts(assembly.flat):
         return {}
     try:

@@ -136,9 +136,9 @@ class Result:
         flat = self.assembly.flat
         unknowns = {self.assembly.reduced.name(c): flat.unknowns[c[0]]
                     for c in (*self.assembly.reduced.states, *self.assembly.reduced.algebraic)}
-        return [Finding("scale", name, name.rpartition(".")[0], float(self.time[0]), float(size), unknowns[name].nominal,
-                        unknowns[name].unit.text, f"State its size, `nominal: {{{name}: {size:g} {unknowns[name].unit.text}}}`")
-                for name, size in found.items() if name in unknowns]
+        return [Finding("scale", name, name.rpartition(".")[0], float(self.time[0]), float(size), u.nominal, u.unit.text,
+                        f"State its size, `nominal: {{{name}: {size:g} {u.unit.text}}}`")
+                for name, size in found.items() if (u := unknowns.get(name)) is not None]
 
     def plot(self, *names: str) -> Figure:
         """A matplotlib figure of signals over time, of the outputs under `show:` where none is named: one axes per unit."""

@@ -5,8 +5,8 @@ The absolute tolerance of an unknown is `atol` times its nominal size, usually t
 therefore compared with the nominal sizes. If an unknown stays far below, the run is repeated with the size that it reached.
 
 An unknown that is zero but for rounding, as the middle of a symmetric machine, has no size. Rounding of the right-hand side
-f(t, x, z, p) is estimated as eps sum |df/dv| |v| over all arguments v. With x' = f it changes a state by that times the length
-of the run, or times the time constant of the state if that is shorter, and passes on to the states that contain it.
+f(t, x, z, p) is estimated as eps sum |df/dv| |v| over all arguments v. With x' = f it changes a state by that times the
+length of the run, or times the time constant of the state if that is shorter, and passes on to the states that contain it.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ def fitting_sizes(assembly: Assembly, names: Sequence[str], reached: Mapping[str
     small that rounding would exceed its absolute tolerance. `columns` are the arguments (., N) along the run."""
     span = float(np.ptp(columns[0]))
     every = [*assembly.state_names, *assembly.algebraic_names]
-    whole, in_step = (dict(zip(every, _rounding(assembly, columns, time), strict=True)) for time in (span, span / max(steps, 1)))
+    whole, in_step = (dict(zip(every, _rounding(assembly, columns, time), strict=True))
+                      for time in (span, span / max(steps, 1)))
     nominal = dict(zip(every, [*assembly.x_nominal, *assembly.z_nominal], strict=True))
     found = {}
     for name in names:
