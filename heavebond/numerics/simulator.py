@@ -302,7 +302,7 @@ class Simulator:
                                                                          for s in found.stays)):
             for names, columns, sizes, values in (
                     (of.state_names, of.reduced.states, of.x_nominal, x),
-                    (of.algebraic_names, of.reduced.algebraic, of.z_nominal, z)):
+                    (of.algebraic_names, of.reduced.algebraic, SIZES.algebraic * of.z_nominal, z)):
                 if not names:
                     continue
                 largest = np.abs(values).max(axis=1, initial=0.0).reshape(-1, len(names))

@@ -30,6 +30,8 @@ class SizeConstants:
     small: largest value of an unknown, in its nominal size, below which the run is repeated. Origin: at the default
         tolerances the absolute one then allows a hundred times the relative one, an error of about 1e-5 of the largest
         value over a run. Doubled: runs with errors of half that are repeated too.
+    algebraic: factor on `small` for algebraic unknowns. Origin: they are solved by Newton's method, which errs by far less
+        than its tolerance, and are in no error test. Doubled: more runs are repeated.
     rounding: multiple of the estimated rounding below which a value is no motion. Origin: the estimate leaves out what
         passes through several states. Doubled: smaller motions beside large cancelling forces are not followed.
     max_repeats: repetitions of a run. Origin: the first one may have sizes that were errors. Doubled: nothing measurable.
@@ -39,6 +41,7 @@ class SizeConstants:
     """
 
     small: float = 1e-4
+    algebraic: float = 1e-2
     rounding: float = 30.0
     max_repeats: int = 3
     points: int = 16
