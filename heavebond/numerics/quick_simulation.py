@@ -243,6 +243,7 @@ class Unexplained(Simulator):
 
     def _take_sizes(self, sizes: Mapping[str, float]) -> None:
         self._last = None
+        self.__dict__.pop("integrator", None)  # with the sizes before
         super()._take_sizes(sizes)
 
     def _check_rates(self, assembly: Assembly, first: Start) -> None:

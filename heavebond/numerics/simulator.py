@@ -238,19 +238,19 @@ class Simulator:
                 self._renew()
             found = self._integrate(assembly, first, moved)
             unfit: dict[str, float] = {}
-            for _ in range(SIZES.max_repeats if again is not None else 0):
-                if not (sizes := self._fitting_sizes(assembly, first, moved, found)):
+            for _ in range(SIZES.max_repeats):
+                if again is None or not (sizes := self._fitting_sizes(assembly, first, moved, found)):
                     break
                 before = self.assembly.sizes
                 self._take_sizes({**before, **sizes})
                 try:
-                    sized, *started_again = again()
-                    found = self._integrate(sized, *started_again)
+                    restarted = again()
+                    found = self._integrate(*restarted)
                 except (StartError, SimulationError):  # the run before stands, and its verdict names these unknowns
                     self._take_sizes(before)
                     unfit = sizes
                     break
-                assembly, (first, moved) = sized, started_again
+                assembly, first, moved = restarted
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         statistics = {"solver": self.solver.name, "why": self.solver.why, "seconds": seconds,
                       "start_steps": first.steps, **found.statistics,
