@@ -23,7 +23,7 @@ import casadi as ca
 import numpy as np
 
 from heavebond.core.errors import HeavebondError, Problem, SimulationError, StartError, listing
-from heavebond.core.presentation import count, readable
+from heavebond.core.presentation import count
 from heavebond.core.reporting import cancellable
 from heavebond.equations.connect import connect
 from heavebond.equations.parameters import formula_order
@@ -162,8 +162,8 @@ def changes_of(result: Result, states: bool = True) -> list[str]:
     sizes = result.statistics.get("sizes")
     if isinstance(sizes, dict):
         units = {u.name: u.unit.text for u in result.assembly.flat.unknowns}
-        listed = [readable(size, units.get(name, "")) for name, size in sizes.items()]
-        said.append(f"repeated with absolute tolerances that fit {listing(sizes, 4)} (up to {listing(listed, 4)})")
+        listed = [f"{name} {size:g} {units.get(name, '')}".strip() for name, size in sizes.items()]
+        said.append(f"repeated with absolute tolerances for the sizes that the run reached: {listing(listed, 4)}")
     for key, what in (("solver_changes", "solver"), *((("state_changes", "states"),) if states else ())):
         changes = result.statistics.get(key, [])
         assert isinstance(changes, list)
