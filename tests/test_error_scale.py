@@ -50,6 +50,16 @@ initial: {x.x: 1e-12 m, x.v: 0 m/s}
 show: {x: {is: x.x, unit: m}}
 simulate: {until: 60 s}
 """
+# unstable: m x'' = k x with m = 1 kg, k = 1 N/m
+GROWING = """
+model: growing
+components:
+  m: {is: Mass, m: 1 kg}
+  f: {is: ForceSource, u: "=1 N/m * x.x"}
+nodes: {x: [m.a, f.a]}
+initial: {x.x: 1e-12 m, x.v: 1e-12 m/s}
+simulate: {until: 30 s}
+"""
 # a voltage of 10 V beside a motion of picometres that it drives by 1e-13 N/V
 COUPLED = """
 model: coupled
@@ -118,6 +128,11 @@ def test_a_lossless_circuit_at_a_nanoampere_keeps_its_amplitude(solver: str) -> 
 def test_an_oscillator_of_a_picometre(solver: str) -> None:
     run = hb.simulate(hb.loads(OSCILLATOR), solver=solver)
     assert worst(run.si["x.x"], 1e-12 * np.cos(run.time)) < 1e-5
+
+
+def test_a_motion_that_grows_from_a_picometre() -> None:
+    run = hb.simulate(hb.loads(GROWING))
+    assert worst(run.si["x.x"], 1e-12 * np.exp(run.time)) < 1e-5
 
 
 def test_a_tiny_motion_beside_a_large_voltage() -> None:

@@ -239,16 +239,16 @@ class Simulator:
             found = self._integrate(assembly, first, moved)
             unfit: dict[str, float] = {}
             for _ in range(SIZES.max_repeats):
-                if again is None or not (sizes := self._fitting_sizes(assembly, first, moved, found)):
+                if again is None or not (fitting := self._fitting_sizes(assembly, first, moved, found)):
                     break
                 before = self.assembly.sizes
-                self._take_sizes({**before, **sizes})
+                self._take_sizes({**before, **fitting})
                 try:
                     restarted = again()
                     found = self._integrate(*restarted)
                 except (StartError, SimulationError):  # the run before stands, and its verdict names these unknowns
                     self._take_sizes(before)
-                    unfit = sizes
+                    unfit = fitting
                     break
                 assembly, first, moved = restarted
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
@@ -300,7 +300,7 @@ class Simulator:
             own &= ~stay.at
         for of, x, z in ((assembly, found.x[:, own], found.z[:, own]), *((s.assembly, s.x[:, s.at], s.z[:, s.at])
                                                                          for s in found.stays)):
-            for names, columns, sizes, values in (
+            for names, unknowns, sizes, values in (
                     (of.state_names, of.reduced.states, of.x_nominal, x),
                     (of.algebraic_names, of.reduced.algebraic, SIZES.algebraic * of.z_nominal, z)):
                 if not names:
@@ -308,9 +308,15 @@ class Simulator:
                 largest = np.abs(values).max(axis=1, initial=0.0).reshape(-1, len(names))
                 # what is zero throughout is as large as its sensitivities to a parameter's own size
                 along = largest[1:].max(axis=0, initial=0.0) / self.tolerances.along
-                for k, (name, (j, _)) in enumerate(zip(names, columns, strict=True)):
+                for k, (name, (j, _)) in enumerate(zip(names, unknowns, strict=True)):
                     reached[name] = max(reached.get(name, 0.0), float(largest[0, k] or along[k]))
                     nominal[name], declared[name] = float(sizes[k]), of.flat.unknowns[j].nominal
+        last = len(self.stops) - 1
+        if self.start_equations.asks_tiny_values(first.p):  # what grows from there has to be accurate from the beginning
+            last = 1 + len(self.stops) // 100
+            early = np.abs(found.x[:len(first.x), :last + 1]).max(axis=1)
+            reached |= {name: min(reached[name], float(value))
+                        for name, value in zip(assembly.state_names, early, strict=True) if value > 0}
         small = far_below(reached, nominal, declared)
         if not small:
             return {}
@@ -318,14 +324,15 @@ class Simulator:
             times = np.linspace(self.stops[0], self.stops[-1], SIZES.least_stops)
             dense = Simulator(assembly, times=np.union1d(self.time, times), tolerances=self.tolerances, driven=self.pieces,
                               allow_fmu=True)
-            sizes = dense.run().assembly.sizes
-            return {} if sizes == assembly.sizes else dict(sizes)
-        chosen = np.unique(np.linspace(0, len(self.stops) - 1, SIZES.points).astype(int))
+            dense_sizes = dense.run().assembly.sizes
+            return {} if dense_sizes == assembly.sizes else dict(dense_sizes)
+        chosen = np.unique(np.linspace(0, min(last, len(self.stops) - 1), SIZES.points).astype(int))
         times, n = self.stops[chosen], len(chosen)
         columns = (times[None, :], found.x[:len(first.x), chosen], found.z[:len(first.z), chosen],
                    np.tile(first.p[:, None], (1, n)), self.pieces.at(times), np.ones((1, n)))
         steps = found.statistics.get("nsteps", len(self.stops))
         assert isinstance(steps, int)
+        steps = steps * last // (len(self.stops) - 1)
         return fitting_sizes(assembly, small, reached, columns, steps, self.tolerances.atol)
 
     def _take_sizes(self, sizes: Mapping[str, float]) -> None:
