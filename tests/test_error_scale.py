@@ -131,7 +131,8 @@ def test_an_oscillator_of_a_picometre(solver: str) -> None:
 
 
 def test_a_motion_that_grows_from_a_picometre() -> None:
-    run = hb.simulate(hb.loads(GROWING))
+    with pytest.warns(UserWarning, match="grows exponentially"):
+        run = hb.simulate(hb.loads(GROWING))
     assert worst(run.si["x.x"], 1e-12 * np.exp(run.time)) < 1e-5
 
 
