@@ -201,7 +201,9 @@ def _events(component: Component) -> list[str]:
     return [f"* `{e.name}` happens {words[e.key]} `{e.formula.text}`"
             + (f" from `{e.first.text}` on" if e.first is not None else "")
             + f"; then, by an impulse of `{e.impulse}`, " * bool(e.impulse) + "; then " * (not e.impulse)
-            + ", ".join(f"`{r.target.text}` becomes `{r.value.text}`" for r in e.resets) + "."
+            + ", ".join(f"`{r.target.text}` becomes `{r.value.text}`" for r in e.resets)
+            + f" if that lets `{e.moves}` change, else " * bool(e.moves)
+            + ", ".join(f"`{r.target.text}` becomes `{r.value.text}`" for r in e.otherwise) + "."
             for e in component.when]
 
 

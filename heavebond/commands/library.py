@@ -148,7 +148,8 @@ def _show(component: Component) -> dict[str, object]:
                       for v in component.variables.values()],
         "Events": [(e.name, f"{e.key}: {e.formula.text}", ", ".join(f"{r.target.text} becomes {r.value.text}"
                                                                     for r in e.resets)
-                    + f" by an impulse of {e.impulse}" * bool(e.impulse)) for e in component.when],
+                    + f" by an impulse of {e.impulse}" * bool(e.impulse)
+                    + f" if that lets {e.moves} change" * bool(e.moves)) for e in component.when],
         "Parts": [(i.name, i.kind, ", ".join(f"{k} {getattr(v, 'text', 'measured')}" for k, v in i.settings.items()))
                   for i in component.body.instances.values()],
         "Nodes": [(w.name, ", ".join(e.path for e in w.ends)) for w in component.body.wires.values()],
@@ -252,7 +253,9 @@ def _as_dict(component: Component) -> dict[str, object]:
             for p in component.parameters.values()},
         "variables": {v.name: {"unit": v.unit.text, "doc": v.doc} for v in component.variables.values()},
         "events": {e.name: {e.key: e.formula.text, "then": {r.target.text: r.value.text for r in e.resets},
-                            **({"impulse": e.impulse} if e.impulse else {})}
+                            **({"impulse": e.impulse} if e.impulse else {}),
+                            **({"moves": e.moves, "otherwise": {r.target.text: r.value.text for r in e.otherwise}}
+                               if e.moves else {})}
                    for e in component.when},
         "equations": [{"text": line.text.strip(), "label": line.label} for line in component.equations],
         "parts": {i.name: i.kind for i in component.body.instances.values()},

@@ -55,6 +55,16 @@ class Impulse:
 
 
 @dataclass(frozen=True)
+class Breakaway:
+    """The breakaway of a contact: the unknown `speed` that it lets change, and the entry `limit` in the parameters of the
+    held variable that is `direction` (1 or -1) while the contact is at its limit and other contacts hold the bodies."""
+
+    speed: int
+    limit: int
+    direction: float
+
+
+@dataclass(frozen=True)
 class FlatEvent:
     """An event: as `indicator` passes zero upwards (None: a time event), at the instant `first`, or from there on once a
     `period` (None: once). `text` is how it is written: `condition: gap > 0`. One that is `by_clock` stands for a comparison
@@ -69,6 +79,7 @@ class FlatEvent:
     resets: tuple[FlatReset, ...]
     by_clock: bool = False
     impulse: Impulse | None = None
+    breakaway: Breakaway | None = None
 
 
 def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Leaf, Unit], Unit], problems: Problems
@@ -135,7 +146,12 @@ def leaf_events(path: str, made: Template, values: list[ca.SX], names: Mapping[s
             else:
                 resets.append(FlatReset(name, None if known else names[name], known.index if known else None, value,
                                         reset.target.place))
+        breakaway = None
+        if line.when.moves:
+            limit = line.when.otherwise[0]
+            breakaway = Breakaway(names[f"{path}.{line.when.moves}"], held[f"{path}.{limit.target.text}"].index,
+                                  float(constant(limit.value.tree) or 0.0))
         text = f"{line.when.key}: {' '.join(line.when.formula.text.split())}"
         yield FlatEvent(f"{path}.{line.when.name}", text, line.when.place,
                         condition if line.when.key == "condition" else None, first,
-                        period if line.when.key == "every" else None, tuple(resets), impulse=impulse)
+                        period if line.when.key == "every" else None, tuple(resets), impulse=impulse, breakaway=breakaway)

@@ -159,7 +159,8 @@ def component_file(known: Library) -> Schema:
         "width": _said("the width of a transition that makes a law smooth; written without a value", {})})
     variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,
                         "nominal": QUANTITY, "count": COUNT}, ["unit"])
-    event = _object({**dict.fromkeys((*KINDS, "from", "impulse"), FORMULA), "then": _each(FORMULA)}, ["then"])
+    event = _object({**dict.fromkeys((*KINDS, "from", "impulse", "moves"), FORMULA), "then": _each(FORMULA),
+                     "otherwise": _each(FORMULA)}, ["then"])
     return _object({
         "component": _said("its name, in CamelCase", {"type": "string"}), "summary": _said("a sentence"),
         "restrictions": _said("what it leaves out"), "source": _said("where the law is from"), "domain": TEXT,

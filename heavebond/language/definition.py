@@ -284,7 +284,8 @@ class Reset:
 class EventDefinition:
     """An event of a component: it happens as `condition` becomes true, at the instant `at`, or `every` so often from
     `first` on (None: from 0). `key` is the one of these words that it is written with. `impulse` is the held variable by
-    whose impulse the one of its targets changes that is not held (empty: it is set)."""
+    whose impulse the one of its targets changes that is not held (empty: it is set). With `moves`, the name of a speed, it
+    is the breakaway of a contact, and happens only if that speed changes by it; else `otherwise` is set."""
 
     name: str
     key: str
@@ -293,6 +294,8 @@ class EventDefinition:
     resets: tuple[Reset, ...]
     place: Place
     impulse: str = ""
+    moves: str = ""
+    otherwise: tuple[Reset, ...] = ()
 
 
 @dataclass(frozen=True)

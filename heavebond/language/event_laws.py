@@ -27,9 +27,11 @@ def check_events(component: Component, lookup: Lookup, lengths: Lengths, problem
             _reset(component, reset, lookup, lengths, problems)
         if event.impulse:
             _impulse(component, event, problems)
+        if event.moves or event.otherwise:
+            _breakaway(component, event, problems)
     # an event sets an element of a list, `h[2]`
     set_by = {name.partition("[")[0] for event in component.when
-              for name in (event.impulse, *(reset.target.text for reset in event.resets))}
+              for name in (event.impulse, *(reset.target.text for reset in (*event.resets, *event.otherwise)))}
     for name, variable in component.held.items():
         if name not in set_by:
             problems.add("held-never-set", f"'{name}' is held, but no event sets it", variable.place,
@@ -155,6 +157,22 @@ def _impulse(component: Component, event: EventDefinition, problems: Problems) -
         problems.add("impulse-form", f"the impulse of '{event.name}' changes one variable; `then:` has "
                      f"{listing(speeds) if speeds else 'none that is not held'}", event.place,
                      hint="Write the new value of the relative speed, `then: {v: -e*v}`, beside held variables.")
+
+
+def _breakaway(component: Component, event: EventDefinition, problems: Problems) -> None:
+    """A breakaway names the speed that it lets change, and sets otherwise one held variable, which starts at 0, to 1 or -1."""
+    rated = {call.args[0].text for line in component.equations for side in (line.tree.left, line.tree.right)
+             for call in _walk(side) if isinstance(call, Call) and call.function == "der" and isinstance(call.args[0], Name)}
+    limits = [component.held.get(reset.target.text) for reset in event.otherwise]
+    values = [constant(reset.value.tree) for reset in event.otherwise]
+    if event.key != "condition" or event.impulse or event.moves not in rated:
+        problems.add("breakaway-form", f"event '{event.name}' has `moves: {event.moves}`, which is not a speed whose rate "
+                     "is in the equations", event.place, hint="Name the sliding speed of the contact, `moves: v`, in an "
+                     "event with a `condition:`; the law of the stuck contact contains `der(v)`.")
+    elif len(limits) != 1 or limits[0] is None or limits[0].held or values[0] not in (1, -1):
+        problems.add("breakaway-form", f"event '{event.name}' has `moves:`, and its `otherwise:` does not set one held variable "
+                     "that starts at 0 to 1 or -1", event.place, hint="Declare `limit: {unit: 1, held: 0, min: -1, max: 1}`, "
+                     "let the force be `limit*F_s` while it is not 0, and write `otherwise: {limit: 1}`.")
 
 
 def _is_given(component: Component, target: Name) -> bool:

@@ -28,7 +28,7 @@ def when_entries(node: Node | None, problems: Problems) -> tuple[EventDefinition
 
 def _event(key: Scalar, entry: Mapping, problems: Problems) -> EventDefinition | None:
     what = f"event '{key.text}'"
-    reading.known_keys(entry, (*KINDS, "from", "impulse", "then"), what, problems, ("then",))
+    reading.known_keys(entry, (*KINDS, "from", "impulse", "moves", "then", "otherwise"), what, problems, ("then",))
     kinds = [kind for kind in KINDS if kind in entry.items]
     if len(kinds) != 1:
         said = "does not say when it happens" if not kinds else f"has `{kinds[0]}:` and `{kinds[1]}:`"
@@ -40,19 +40,23 @@ def _event(key: Scalar, entry: Mapping, problems: Problems) -> EventDefinition |
                      hint="`from:` is the first instant of an event that happens `every:` so often; leave it out.")
     formula = reading.formula_of(entry.items[kind], kind, problems)
     first = reading.formula_of(entry.items["from"], "from", problems) if "from" in entry.items else None
-    resets = _resets(what, entry.items.get("then"), problems)
+    resets = _resets(what, "then", entry, problems)
     impulse = reading.text(entry.items.get("impulse"), "impulse", problems)
-    return EventDefinition(key.text, kind, formula, first, resets, key.place, impulse) if formula is not None else None
+    moves = reading.text(entry.items.get("moves"), "moves", problems)
+    otherwise = _resets(what, "otherwise", entry, problems)
+    return EventDefinition(key.text, kind, formula, first, resets, key.place, impulse, moves, otherwise) \
+        if formula is not None else None
 
 
-def _resets(what: str, node: Node | None, problems: Problems) -> tuple[Reset, ...]:
-    entries = reading.mapping(node, "then", problems, "Write what is set: `then: {contact: 0, a.v: -e * a.v}`.")
+def _resets(what: str, word: str, entry: Mapping, problems: Problems) -> tuple[Reset, ...]:
+    entries = reading.mapping(entry.items.get(word), word, problems,
+                              f"Write what is set: `{word}: {{contact: 0, a.v: -e * a.v}}`.")
     if entries is not None and not entries.items:
         problems.add("when-empty", f"{what} sets nothing", entries.place,
                      hint="Write what is set: `then: {contact: 0, a.v: -e * a.v}`.")
     found = []
     for name, item in (entries.items if entries else {}).items():
-        target = reading.formula_of(entries.keys[name], "then", problems) if entries else None
+        target = reading.formula_of(entries.keys[name], word, problems) if entries else None
         value = reading.formula_of(item, f"the new value of {name}", problems)
         if target is not None and value is not None:
             found.append(Reset(Formula(target.tree, name, target.place), value))

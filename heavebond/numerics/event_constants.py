@@ -62,6 +62,11 @@ class EventConstants:
     impact_time: seconds within which the impulse of an impact acts on what gives way to it (friction that sticks, bodies
         at rest on each other); in a run of less than a second, this share of the run. Origin: machine parts touch for
         10 us to 1 ms. Doubled: friction holds against impulses twice as large, which are then passed on.
+    reduced: share of its force that a contact at its limit keeps in the trial whether it moves. Origin: any share below 1
+        serves, as accelerations are linear in forces. Doubled: no trial.
+    held: share of the acceleration of a body without sticking contacts, below which others hold it. Origin: stuck contacts
+        give way with 1e-12 of it, times the ratio of its mass to their typical mass. Doubled: nothing for masses up to
+        10 million times the typical one.
     max_halvings: halvings of a step in which a choice of states ends. Origin: rounding of time. Doubled: nothing.
     max_failures: failures of the integrator without an event between. Origin: a bound on the time of a run without
         progress. Doubled: a hopeless run ends later.
@@ -105,6 +110,8 @@ class EventConstants:
     max_points: int = 65_536
     max_cascades: int = 100
     impact_time: float = 1e-6
+    reduced: float = 0.5
+    held: float = 1e-4
     max_halvings: int = 40
     max_failures: int = 400
     max_solver_changes: int = 200

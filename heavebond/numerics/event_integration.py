@@ -17,6 +17,7 @@ from functools import partial
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.core.errors import Problem, SimulationError, either
 from heavebond.numerics.dae import Array, Integrand
@@ -78,6 +79,8 @@ class EventIntegration:
         self._framed, self._frames = framed, {id(charts.home): framed(charts.home)}
         self.home = self._frames[id(charts.home)]
         self.conditions = self.home.equations.conditions
+        breaking = {i for i, _ in self.home.equations.breakaways}
+        self.breakaways = np.array([i in breaking for i in self.conditions], dtype=bool)
         self.n_u = charts.home.assembly.arguments[4].numel()
         self.span, self.same = float(stops[-1] - stops[0]) or 1.0, same_instant(float(stops[0]), float(stops[-1]))
         self.ahead = LookAhead(stops, self.same, bool(self.conditions or charts.needed), bool(self.conditions))
@@ -118,7 +121,11 @@ class EventIntegration:
             dp = moved.p
         y = np.append(x, np.zeros(frame.made.dae["x"].numel() - len(x)))
         now = EventState(frame, first.t, y, z, first.p, dp, frame.made.hoist(first.p, dp), np.zeros(0, bool))
-        return replace(now, true=self._indicators(now)[0] > 0)
+        return replace(now, true=self._true(now))
+
+    def _true(self, now: EventState) -> NDArray[np.bool_]:
+        """The conditions that are true at a point. That of a breakaway never is: it happens whenever it is met."""
+        return (self._indicators(now)[0] > 0) & ~self.breakaways
 
     def _true_at_start(self, now: EventState) -> list[str]:
         """The events whose condition is true at the start, which is no change and lets nothing happen, and which would have
@@ -165,7 +172,7 @@ class EventIntegration:
             else:
                 ahead.points = 1
             now = replace(now, t=float(times[reached - 1]), y=y[:, reached - 1], z=z[:, reached - 1])
-            now = replace(now, true=self._indicators(now)[0] > 0)
+            now = replace(now, true=self._true(now))
             halvings = max(halvings - 1, 0)
         return now
 
@@ -368,7 +375,7 @@ class EventIntegration:
         values, rates = now.frame.equations.indicators(t, x, inner, now.p, u)
         found = suspects(t, values, rates, now.true)
         for k in found.intervals:
-            true = now.true if k == 0 else values[:, k] > 0
+            true = now.true if k == 0 else (values[:, k] > 0) & ~self.breakaways
             begin = replace(now, t=float(t[k]), y=y[:, k], z=z[:, k], true=true)
             crossed = [self._crossing(begin, c, float(t[k + 1]), values[c, k],
                                       (float(found.highest[c, k]), float(found.lowest[c, k])), certain, record)
@@ -428,7 +435,7 @@ class EventIntegration:
         equations, begun = now.frame.equations, now
         record.keep(now, np.array([now.t]), now.y[:, None], now.z[:, None])
         before = point = self._point(now)
-        moved, happened, late = self._moved(now), list[int](), list[Array]()
+        moved, happened, late, first = self._moved(now), list[int](), list[Array](), delays[0]
         factors = self.inputs(np.array([now.t]))[self.n_u:, 0]
         if condition:
             self._check_chatter(now.t, events, record)
@@ -436,22 +443,30 @@ class EventIntegration:
             values, rates = self._indicators(now)
             begun = replace(now, true=now.true & (values + rates * self.same > 0))
         for _ in range(EVENTS.max_cascades):
+            point, broken = equations.breaking(point, events)
+            known = dict(zip(events, delays, strict=True))
+            events, delays = broken, [known.get(i, first) for i in broken]
             point, moved, yielded = equations.fire(point, moved, events, delays, factors,
                                                    EVENTS.impact_time * min(self.span, 1.0))
-            happened, late = happened + yielded + events, late + delays[:1] * len(yielded) + delays
+            happened, late = happened + yielded + events, late + [first] * len(yielded) + delays
             now = begun.standing(point, moved)
             values, rates = self._indicators(now)
             # what happened just now is true unless it is left at once; what else is true now became so by the reset
             fired = np.array([i in (*events, *yielded) for i in self.conditions], dtype=bool)
             true = (values + rates * self.same > 0) & (fired | (values > 0))
-            set_off = true & ~begun.true & ~fired
-            begun = replace(now, true=true)
-            if not set_off.any():
-                break
+            set_off = (true & ~begun.true & ~fired) | (self.breakaways & (values > 0))
+            begun = replace(now, true=true & ~self.breakaways)
             events = [self.conditions[c] for c in np.flatnonzero(set_off)]
-            delays = [delays[0]] * len(events)
+            loosened, broken = equations.breaking(point, events)
+            if not events and not broken and np.array_equal(loosened.p, point.p):
+                break
+            point, events = (loosened, broken) if not events else (point, events)
+            delays = [first] * len(events)
         else:
             raise self._chattering(now.t, events, "set off each other without end")
+        if not happened:  # contacts at their limits only: no speed and no force jumps
+            self._write(begun, record)
+            return begun
         equations.check_continuous(before, point, happened)
         names = tuple(equations.events[i].name for i in happened)
         record.instants.append(Instant(now.t, names, before, point, now.frame.assembly, np.array(late)))

@@ -76,6 +76,9 @@ class EventEquations:
         self._impulses = ca.Function("impulses", arguments, [assembly.express(stack(
             ca.SX(0) if i is None or i.size is None else i.size for i in impulses))])
         self._forces = [None if i is None else i.force for i in impulses]
+        self.breakaways = [(i, event.breakaway) for i, event in enumerate(self.events) if event.breakaway]
+        self._accelerations = ca.Function("accelerations", arguments, [assembly.express(stack(
+            assembly.flat.levels[1][breakaway.speed] for _, breakaway in self.breakaways))])
         self._instants = ca.Function("instants", [p, direction], [
             first, period, ca.jtimes(first, p, direction), ca.jtimes(period, p, direction)])
         self._differentiated = differentiated(assembly)
@@ -224,6 +227,45 @@ class EventEquations:
                     point = replace(point, p=held)
                 point, yielded = self.settled(point, more), yielded + more
         return point, yielded
+
+    def breaking(self, point: Point, fired: Sequence[int]) -> tuple[Point, list[int]]:
+        """The point with the contacts that are at their limits there, and those of the events `fired`, with the breakaways
+        of other contacts, that happen.
+
+        A contact breaks away only if the bodies then move. With all contacts at their limits reduced to `EVENTS.reduced` of
+        their forces, a contact moves if its speed changes by more than `EVENTS.held` of its change in the case that no other
+        contact sticks. A contact that does not move remains at its limit, and the others carry the rest of the load. If
+        one moves against its force, the load has turned since that reached its limit: all of them stick again and share the
+        load anew. This is the plastic limit analysis of W. Prager, P. G. Hodge, Theory of Perfectly Plastic Solids, 1951.
+        """
+        p = point.p.copy()
+        tried = {b.limit: (k, i, b) for k, (i, b) in enumerate(self.breakaways) if i in fired or p[b.limit] == b.direction}
+        rest = [i for i in fired if all(i != event for event, _ in self.breakaways)]
+        limits = {b.limit for _, b in self.breakaways}
+        if not tried or len(limits) == 1:
+            return point, list(fired)
+
+        def change(loose: bool) -> Array:
+            """The change of the accelerations (n_b,) if the contacts at their limits give way."""
+            found = []
+            for share in (1.0, EVENTS.reduced):
+                given = p.copy()
+                given[[limit for limit in limits if loose]] = EVENTS.reduced
+                for _, _, b in tried.values():
+                    given[b.limit] = b.direction * share
+                at = self.settled(replace(point, p=given), fired)
+                found.append(np.array(self._accelerations(*at.values())).ravel())
+            return np.asarray(found[1] - found[0])
+
+        held, free = change(False), change(True)
+        moving = {limit: abs(held[k]) >= EVENTS.held * abs(free[k]) for limit, (k, _, _) in tried.items()}
+        if any(moving[limit] and b.direction * held[k] < 0 for limit, (k, _, b) in tried.items()):
+            p[list(tried)] = 0.0
+            return self.settled(replace(point, p=p), fired), rest
+        for limit, (_, _, b) in tried.items():
+            p[limit] = b.direction
+        return (self.settled(replace(point, p=p), fired),
+                [*rest, *(i for limit, (_, i, _) in tried.items() if moving[limit])])
 
     def fire(self, point: Point, moved: PointSensitivity, fired: Sequence[int], delays: Sequence[Array], factors: Array,
              touch: float) -> tuple[Point, PointSensitivity, list[int]]:
