@@ -1,0 +1,110 @@
+"""Filters start at their input: a constant input gives a constant output, and no derivative kick."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import heavebond as hb
+from heavebond.numerics.result import Result
+
+WRONG = pytest.mark.xfail(strict=True, reason="the states of filters start at 0")
+SMALL = 1e-7  # errors of the integrator at rtol 1e-8
+RUN = "simulate: {until: 0.5 s, every: 1 ms}\n"
+BLOCKS = {
+    "FirstOrderLag": "T_1: 20 ms", "SecondOrderLag": "f_n: 5 Hz, zeta: 0.4", "LeadLag": "T_1: 0.1 s, T_2: 10 ms",
+    "NotchFilter": "f_n: 5 Hz", "Delay": "T: 0.1 s", "DelayChain": "T: 0.1 s", "RateLimit": "r_max: 3 1/s"}
+
+
+def run(text: str, **options: object) -> Result:
+    return hb.simulate(hb.loads(text + RUN), **options)  # type: ignore[arg-type]
+
+
+@WRONG
+def test_a_controller_has_no_derivative_kick_from_a_constant_error() -> None:
+    found = run("""
+model: pid_kick
+components:
+  p: {is: PID, K_p: 1, K_d: 1 s, K_i: 0.1 1/s, T_f: 10 ms, y_min: -1000, y_max: 1000, r: 3, u: 2}
+  s: {is: SwitchablePID, K_p: 1, K_d: 1 s, K_i: 0.1 1/s, T_f: 10 ms, y_min: -1000, y_max: 1000, r: 3, u: 2, m: 0, a: 1}
+""", sensitivities=["p.K_d"])
+    for controller in "ps":
+        assert found[f"{controller}.y"] == pytest.approx(1 + 0.1 * found.time, abs=SMALL)
+    assert np.abs(found.sensitivity("p.y", "p.K_d")).max() < SMALL  # the derivative part is 0
+
+
+@WRONG
+def test_a_derivative_begins_at_zero_and_approaches_the_slope() -> None:
+    found = run("""
+model: slope
+components:
+  c: {is: FilteredDerivative, T_f: 10 ms, u: 5}
+  r: {is: FilteredDerivative, T_f: 10 ms, u: "=3 + 2 1/s*time"}
+""")
+    assert np.abs(found["c.y"]).max() < SMALL
+    assert found["r.y"] == pytest.approx(2 * (1 - np.exp(-found.time / 0.01)), abs=100 * SMALL)  # 1/T_f
+
+
+@WRONG
+@pytest.mark.parametrize("block", BLOCKS)
+def test_a_constant_passes_a_filter_unchanged(block: str) -> None:
+    found = run(f"model: constant\ncomponents:\n  f: {{is: {block}, {BLOCKS[block]}, u: 5}}\n")
+    assert found["f.y"] == pytest.approx(5, abs=SMALL)
+
+
+@WRONG
+def test_a_motion_sensor_starts_at_its_position() -> None:
+    found = run("""
+model: heave
+components:
+  d: {is: PositionSource, u: "=4 m"}
+  s: {is: MotionReferenceUnit, T_1: 0.1 s}
+nodes: {a: [d.a, s.a]}
+""")
+    assert found["s.z"] == pytest.approx(4, abs=SMALL)
+    assert np.abs(found["s.v"]).max() < SMALL
+
+
+@WRONG
+def test_filters_in_a_chain_and_in_a_loop_start_in_balance() -> None:
+    """y = 4*(r - y) through two lags and a gain of 4: y = 0.8*r, which moves with r."""
+    found = run("""
+model: loop
+components:
+  r: {is: Constant, k: 5}
+  e: {is: Sum, k_1: 1, k_2: -1}
+  g: {is: Gain, k: 4}
+  a: {is: FirstOrderLag, T_1: 10 ms}
+  b: {is: LeadLag, T_1: 30 ms, T_2: 10 ms}
+nodes: {r: [r.y, e.u_1], e: [e.y, g.u], g: [g.y, a.u], a: [a.y, b.u], b: [b.y, e.u_2]}
+""", sensitivities=["r.k"])
+    assert found["b.y"] == pytest.approx(4, abs=SMALL)
+    assert found.sensitivity("b.y", "r.k") == pytest.approx(0.8, abs=SMALL)
+
+
+def test_an_initial_value_of_the_diagram_comes_first() -> None:
+    found = run("""
+model: asked
+components:
+  lag: {is: FirstOrderLag, T_1: 0.1 s, u: 5}
+  f: {is: FilteredDerivative, T_f: 0.1 s, u: 5}
+  p: {is: PID, K_p: 1, K_d: 1 s, T_f: 0.1 s, y_min: -1000, y_max: 1000, r: 3, u: 2}
+initial: {lag.y: 0, f.y: 2 1/s, p.z: 0}
+""")
+    decay = np.exp(-found.time / 0.1)
+    assert found["lag.y"] == pytest.approx(5 * (1 - decay), abs=SMALL)
+    assert found["f.y"] == pytest.approx(2 * decay, abs=SMALL)
+    assert found["p.y"] == pytest.approx(1 + 10 * decay, abs=100 * SMALL)
+
+
+def test_a_lag_in_a_loop_without_a_steady_start_keeps_its_declared_start() -> None:
+    """The lag of 1 + its own output: y' = 1/T, the positive feedback of an integral part."""
+    found = run("""
+model: positive
+components:
+  one: {is: Constant, k: 1}
+  s: {is: Sum}
+  lag: {is: FirstOrderLag, T_1: 0.1 s}
+nodes: {one: [one.y, s.u_1], s: [s.y, lag.u], lag: [lag.y, s.u_2]}
+""")
+    assert found["lag.y"] == pytest.approx(found.time / 0.1, abs=SMALL)
