@@ -8,8 +8,6 @@ import pytest
 import heavebond as hb
 from heavebond.numerics.result import Result
 
-WRONG = pytest.mark.xfail(strict=True, reason="the states of filters start at 0")
-SMALL = 1e-7  # errors of the integrator at rtol 1e-8
 RUN = "simulate: {until: 0.5 s, every: 1 ms}\n"
 BLOCKS = {
     "FirstOrderLag": "T_1: 20 ms", "SecondOrderLag": "f_n: 5 Hz, zeta: 0.4", "LeadLag": "T_1: 0.1 s, T_2: 10 ms",
@@ -20,7 +18,6 @@ def run(text: str, **options: object) -> Result:
     return hb.simulate(hb.loads(text + RUN), **options)  # type: ignore[arg-type]
 
 
-@WRONG
 def test_a_controller_has_no_derivative_kick_from_a_constant_error() -> None:
     found = run("""
 model: pid_kick
@@ -33,7 +30,6 @@ components:
     assert np.abs(found.sensitivity("p.y", "p.K_d")).max() < SMALL  # the derivative part is 0
 
 
-@WRONG
 def test_a_derivative_begins_at_zero_and_approaches_the_slope() -> None:
     found = run("""
 model: slope
@@ -45,14 +41,12 @@ components:
     assert found["r.y"] == pytest.approx(2 * (1 - np.exp(-found.time / 0.01)), abs=100 * SMALL)  # 1/T_f
 
 
-@WRONG
 @pytest.mark.parametrize("block", BLOCKS)
 def test_a_constant_passes_a_filter_unchanged(block: str) -> None:
     found = run(f"model: constant\ncomponents:\n  f: {{is: {block}, {BLOCKS[block]}, u: 5}}\n")
     assert found["f.y"] == pytest.approx(5, abs=SMALL)
 
 
-@WRONG
 def test_a_motion_sensor_starts_at_its_position() -> None:
     found = run("""
 model: heave
@@ -65,7 +59,6 @@ nodes: {a: [d.a, s.a]}
     assert np.abs(found["s.v"]).max() < SMALL
 
 
-@WRONG
 def test_filters_in_a_chain_and_in_a_loop_start_in_balance() -> None:
     """y = 4*(r - y) through two lags and a gain of 4: y = 0.8*r, which moves with r."""
     found = run("""

@@ -25,13 +25,13 @@ from heavebond.language.definition import (
 from heavebond.language.effects import EffectReader, read_search_range
 from heavebond.language.equation_lines import equation_lines
 from heavebond.language.extension import extension
-from heavebond.language.when import when_entries
+from heavebond.language.when import resets, when_entries
 from heavebond.text.expression import Expr, Number, constant, parse_equation, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
 
 T = TypeVar("T")
 COMPONENT_KEYS = (
-    "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "when",
+    "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "initial", "when",
     "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain", "symbol",
     "sliding", "units", "placeholder", "extends", "set")
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
@@ -78,6 +78,7 @@ class _Parser:
             place=place, path=self.source.path, ports=ports, signals=signals,
             parameters=parameters, variables=variables,
             equations=self._equations(root.items.get("equations")),
+            initial=resets("initial", root.items.get("initial"), "Write `initial: {z: u}`.", problems),
             when=when_entries(root.items.get("when"), problems),
             body=reading.body(root, self.source, problems) if "components" in root.items else Body(),
             stores=self._formula(root, "stores"), dissipates=self._formula(root, "dissipates"),

@@ -381,6 +381,7 @@ class Component:
     parameters: dict[str, Parameter] = field(default_factory=dict)
     variables: dict[str, Variable] = field(default_factory=dict)
     equations: tuple[EquationLine, ...] = ()
+    initial: tuple[Reset, ...] = ()  # states at the start, where the diagram does not give them
     when: tuple[EventDefinition, ...] = ()
     body: Body = field(default_factory=Body)
     stores: Formula | None = None

@@ -38,6 +38,24 @@ def check_events(component: Component, lookup: Lookup, lengths: Lengths, problem
                          hint=f"Add `when: {{...: {{condition: ..., then: {{{name}: ...}}}}}}`, or make it a parameter.")
 
 
+def check_initial(component: Component, lookup: Lookup, problems: Problems) -> None:
+    """The initial values of a component are those of its own variables and outputs, in their units."""
+    outputs = {name for name, signal in component.signals.items() if signal.direction == "out"}
+    for reset in component.initial:
+        try:
+            if reset.target.text not in {*component.unknowns, *component.variables, *outputs} - {*component.held}:
+                raise ExpressionProblem("initial-given", f"'{reset.target.text}' is no variable or output of "
+                                        f"{component.name} that has an initial value", 0, len(reset.target.text),
+                                        f"Name one of {listing(component.variables)}." if component.variables else "")
+            wanted, found = lookup(Name((reset.target.text,), 0, len(reset.target.text))), dimension(reset.value.tree, lookup)
+        except ExpressionProblem as problem:
+            reading.add_expression_problem(problem, reset.target.place, problems)
+            continue
+        if None not in (found, wanted) and found != wanted and not is_generic(found or ONE) and not is_generic(wanted or ONE):
+            problems.add("units-differ", f"'{reset.target.text}' is in {dimension_text(wanted or ONE)}, its initial value is in "
+                         f"{dimension_text(found or ONE)}", reset.value.place, hint="Check the factors of the formula.")
+
+
 def _equations_leave_alone(component: Component, problems: Problems) -> None:
     """A held variable stands in no equation that would decide it."""
     for line in component.equations:

@@ -21,7 +21,7 @@ from heavebond.language.definition import (
     SignalPort,
     Variable,
 )
-from heavebond.language.event_laws import check_events
+from heavebond.language.event_laws import check_events, check_initial
 from heavebond.language.lists import indices
 from heavebond.text.dimensions import ANY, SECOND, TRUTH, Lookup, check_equation, dimension
 from heavebond.text.expression import Binary, Expr, ExpressionProblem, Name, Slice, constant, names
@@ -155,6 +155,7 @@ def _units(component: Component, domains: Domains, problems: Problems) -> None:
     for requirement in component.requires:
         _formula(requirement, TRUTH, "requires", "a comparison, as in `x_max > x_min`", scope, problems)
     check_events(component, scope, Lengths(scope.length, exact=False), problems)
+    check_initial(component, scope, problems)
 
 
 def _with_index(scope: Scope, line: EquationLine) -> Lookup:

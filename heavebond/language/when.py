@@ -49,11 +49,16 @@ def _event(key: Scalar, entry: Mapping, problems: Problems) -> EventDefinition |
 
 
 def _resets(what: str, word: str, entry: Mapping, problems: Problems) -> tuple[Reset, ...]:
-    entries = reading.mapping(entry.items.get(word), word, problems,
-                              f"Write what is set: `{word}: {{contact: 0, a.v: -e * a.v}}`.")
-    if entries is not None and not entries.items:
-        problems.add("when-empty", f"{what} sets nothing", entries.place,
-                     hint="Write what is set: `then: {contact: 0, a.v: -e * a.v}`.")
+    form = f"Write what is set: `{word}: {{contact: 0, a.v: -e * a.v}}`."
+    node = entry.items.get(word)
+    if isinstance(node, Mapping) and not node.items:
+        problems.add("when-empty", f"{what} sets nothing", node.place, hint=form)
+    return resets(word, node, form, problems)
+
+
+def resets(word: str, node: Node | None, form: str, problems: Problems) -> tuple[Reset, ...]:
+    """The variables under a key of a component and the formulas of their values; `form` shows how they are written."""
+    entries = reading.mapping(node, word, problems, form)
     found = []
     for name, item in (entries.items if entries else {}).items():
         target = reading.formula_of(entries.keys[name], word, problems) if entries else None

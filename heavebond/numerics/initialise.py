@@ -44,6 +44,7 @@ class Start:
     free: tuple[str, ...]
     steps: int
     in_turn: bool = False  # whether the states were known before the loops were solved
+    of_components: bool = True  # whether the initial values of the components could be met
 
 
 def start(assembly: Assembly, t: float = 0.0, u: Array | None = None, equations: StartEquations | None = None) -> Start:
@@ -53,10 +54,13 @@ def start(assembly: Assembly, t: float = 0.0, u: Array | None = None, equations:
     alone; else all change as little as they can, in scaled variables. After `start: steady` a direction that no equation
     determines is an error. `equations` are those of the assembly where they are compiled already."""
     u = np.zeros(assembly.arguments[4].numel()) if u is None else u
-    problem = StartSearch(equations or StartEquations(assembly), assembly, t, u)
+    equations = equations or StartEquations(assembly)
+    problem = StartSearch(equations, assembly, t, u)
     try:
         return problem.finished(problem.solve())
     except StartError as error:
+        if equations.component_rows:  # a lag in a loop with a gain of 1 has no such start
+            return replace(start(assembly, t, u, equations.without_components), of_components=False)
         if wrong := mechanism_messages.unassembled(assembly):
             raise StartError([wrong]) from error
         raise
@@ -88,6 +92,7 @@ def tangent(equations: StartEquations, first: Start, u: Array, directions: Array
     least change in scaled unknowns, as `start` takes it, so that what no equation determines follows its guess. Parameters
     under `solve:` follow the others.
     """
+    equations = equations if first.of_components else equations.without_components
     n_x, n_z = len(first.x), len(first.z)
     sizes = equations.sizes(first.p)
     moving = Point(first.t, first.x, first.z, first.p, u, 1.0)
@@ -336,10 +341,12 @@ class StartSearch:
         self._check(point)
         table = []
         conditions = {assembly.flat.names.get(c.name, -1): c for c in self.equations.initial.conditions.values()}
+        own = {assembly.flat.names[row.name] for row in self.equations.component_rows}
         for k, (j, order) in enumerate(assembly.reduced.states):
             asked = conditions.get(j) if order == 0 else None
             moved = abs(y[k] - self.y0[k]) > 1e-9 * self.nominal[k]
             why = "asked for" if asked and not asked.guess else "solved from a guess" if asked else \
+                "initial value of the component" if j in own and order == 0 else \
                 "shut in: kept" if assembly.state_names[k] in self.shut_in else \
                 f"solved ({self.equations.initial.mode or 'conditions'})" if moved or self.equations.steady else \
                 "declared start" if assembly.flat.unknowns[j].start else "default"

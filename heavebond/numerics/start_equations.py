@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -60,6 +61,7 @@ class InitialisationConstants:
 
 
 INITIALISATION = InitialisationConstants()
+_NAMES = re.compile(r"(?<![\w.])[A-Za-z_]\w*")  # the first words of the names in a formula
 
 
 @dataclass(frozen=True)
@@ -167,7 +169,8 @@ class StartSystem:
 class StartEquations:
     """What a diagram asks of its start, as equations: conditions, guesses, rest or steady, and the loops."""
 
-    def __init__(self, assembly: Assembly):
+    def __init__(self, assembly: Assembly, *, of_components: bool = True):
+        """`of_components`: whether the initial values of the components are conditions."""
         self.assembly = assembly
         self.initial = assembly.model.initial
         names = assembly.parameter_names
@@ -177,9 +180,46 @@ class StartEquations:
             split(assembly.alg), assembly.reduced.alg_equations, strict=True)]
         held = {h.name for h in assembly.flat.held}  # what these start at stands among the parameters
         conditions = [c for c in self.initial.conditions.values() if c.name not in held]
-        self.rows = [*self.loops, *(self._condition(c) for c in conditions if not c.guess), *self._mode()]
+        self.component_rows = self._of_components(conditions) if of_components and not self.steady else []
+        self.rows = [*self.loops, *(self._condition(c) for c in conditions if not c.guess), *self.component_rows,
+                     *self._mode()]
         self.guesses = [self._condition(c) for c in conditions if c.guess and self._decides(c)]
         self.guess = InitialGuess(assembly.flat)
+
+    @cached_property
+    def without_components(self) -> StartEquations:
+        """The start without the initial values of the components, for a diagram whose equations contradict them."""
+        return StartEquations(self.assembly, of_components=False)
+
+    def _of_components(self, conditions: list[Condition]) -> list[StartRow]:
+        """The initial values of the components (`initial:` in their files) of states that the conditions of the diagram
+        leave open. A condition on another variable of the component, such as the output of a filter, takes the place of one
+        of them if it depends on no other state of the component."""
+        assembly, found = self.assembly, list[StartRow]()
+        names, formula = assembly.flat.names, assembly.model.library.formula
+        symbols = {j: s.element_hash() for s, (j, order) in zip(split(assembly.arguments[1]), assembly.reduced.states,
+                                                                strict=True) if order == 0}
+        decided = {names.get(c.name, -1) for c in conditions}
+        for path, leaf in assembly.flat.expanded.leaves.items():
+            if not leaf.component.initial:
+                continue
+            component, own = leaf.component, {j for name, j in names.items() if name.rpartition(".")[0] == path}
+            open_states = {names[name]: (name, reset) for reset in component.initial for name in names
+                           if name.partition("[")[0] == f"{path}.{reset.target.text}" and names[name] in symbols}
+            others = {symbols[j] for j in own & symbols.keys() - open_states.keys() - decided}
+            replaced = set[int]()
+            for c in conditions:
+                if c.name.rpartition(".")[0] == path and names.get(c.name) not in symbols and not c.guess:
+                    inside = {s.element_hash() for s in ca.symvar(self._condition(c).residual)}
+                    replaced |= set() if inside & others else inside
+            known = {*component.parameters, *component.variables, *component.signals, *component.ports}
+            for j, (name, reset) in open_states.items():
+                if j not in decided and symbols[j] not in replaced:
+                    text = _NAMES.sub(lambda m: f"{path}.{m[0]}" if m[0] in known else m[0], reset.value.text)  # noqa: B023
+                    residual = assembly.expression(formula(name)) - assembly.expression(formula(text))
+                    found.append(StartRow(residual, f"{path}: {name.rpartition('.')[2]} = {reset.value.text} at the start",
+                                          reset.value.place, name=name))
+        return found
 
     def _decides(self, guess: Condition) -> bool:
         """Whether a guess is used: one of a rate, `der(joint.v): ~ 0`, only where the variable consists of speeds alone. The
