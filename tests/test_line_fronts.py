@@ -12,7 +12,6 @@ import heavebond as hb
 from heavebond.core.errors import RunWarning
 from heavebond.numerics.result import Result
 
-WRONG = pytest.mark.xfail(strict=True, reason="a front shorter than a segment is not reported")
 LENGTH, RHO, BETA, D = 20.0, 998.0, 2.2e9, 0.05
 CLOSING = """
 model: closing
@@ -49,7 +48,6 @@ def peak(found: Result) -> float:
     return float((found["e.p"].max() - found["e.p"][0]) / (RHO * speed * 2e-3 / (np.pi / 4 * D**2)))
 
 
-@WRONG
 @pytest.mark.parametrize("line", ["Line", "DynamicLine"])
 def test_a_front_shorter_than_a_segment_is_reported_with_the_segments_that_resolve_it(line: str) -> None:
     closing = 1.5 * LENGTH / 10 / np.sqrt(BETA / RHO)  # 1.5 of 10 segments
@@ -72,14 +70,12 @@ def test_a_front_of_many_segments_is_not_reported(line: str) -> None:
     assert peak(found) < 1.03
 
 
-@WRONG
 def test_a_blow_on_a_rod_is_reported_where_it_is_shorter_than_an_element() -> None:
     found = run(ROD.format(n=20, rise=0.2e-3))  # the elements take 1 ms each
     assert [(f.kind, f.part) for f in found.verdict.findings] == [("front", "r")]
     assert run(ROD.format(n=20, rise=10e-3)).verdict.status == "clean"
 
 
-@WRONG
 def test_segments_in_a_series_of_the_diagram_are_one_line() -> None:
     text = CLOSING.format(line="Line", n=10, closing=1e-4).replace("is: Line, n: 10, length: 20 m", "is: LineSegment, "
                                                                     "repeat: 10, length: 2 m")

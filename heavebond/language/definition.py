@@ -362,6 +362,9 @@ class Foreign:
     parameters: tuple[ForeignVariable, ...]
 
 
+_FIRST_WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*")  # of a name in a formula
+
+
 @dataclass(frozen=True)
 class Component:
     """A component file: ports, parameters, variables, equations and, for a block, what it is composed of.
@@ -382,6 +385,7 @@ class Component:
     variables: dict[str, Variable] = field(default_factory=dict)
     equations: tuple[EquationLine, ...] = ()
     initial: tuple[Reset, ...] = ()  # states at the start, where the diagram does not give them
+    travel_time: Formula | None = None  # that of a wave through a segment of a line
     when: tuple[EventDefinition, ...] = ()
     body: Body = field(default_factory=Body)
     stores: Formula | None = None
@@ -404,6 +408,11 @@ class Component:
     def is_a(self, kind: str) -> bool:
         """Whether it is the component of that name, or extends it."""
         return kind == self.name or kind in self.extends
+
+    def in_diagram(self, formula: Formula, path: str) -> str:
+        """A formula of the component in the names of the diagram, where the component is the part `path`."""
+        known = {*self.parameters, *self.variables, *self.signals, *self.ports, *self.body.instances}
+        return _FIRST_WORD.sub(lambda m: f"{path}.{m[0]}" if m[0] in known else m[0], formula.text)
 
     def signal(self, name: str) -> SignalPort | None:
         """The signal of that name, of a vector (`u`, `u[2]`) the whole one or its first element."""

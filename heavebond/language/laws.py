@@ -148,7 +148,8 @@ def _units(component: Component, domains: Domains, problems: Problems) -> None:
     watt, joule = declared_unit("W").dimension, declared_unit("J").dimension
     energies = ((component.stores, joule, "stores", "an energy in J"),
                 (component.dissipates, watt, "dissipates", "a power in W"),
-                (component.unbalanced, watt, "unbalanced", "a power in W"))
+                (component.unbalanced, watt, "unbalanced", "a power in W"),
+                (component.travel_time, declared_unit("s").dimension, "travel_time", "a time in s"))
     for formula, wanted, what, wanted_text in energies:
         if formula is not None:
             _formula(formula, wanted, what, wanted_text, scope, problems)

@@ -65,6 +65,9 @@ class Finding:
                 "absolute tolerance, so that it is not accurate; the run with a tolerance that fits failed"
         if self.kind == "placeholder":
             return f"{self.name} has no law: it is a placeholder"
+        if self.kind == "front":
+            return f"{self.name} passes a front of {value} at {t}, and a wave takes {readable(self.limit or 0.0, 's')} through " \
+                "each of its segments"
         limit = readable(self.limit or 0.0, self.unit)
         if self.kind == "runaway":
             return f"{self.name} goes to {value}, beyond {limit} (a million typical sizes) from {t} on"
@@ -77,7 +80,7 @@ class Finding:
 
 # whether a run with such a finding is worthless
 KINDS = {"not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False, "growth": False,
-         "scale": False, "true-at-start": False, "unstable-start": False, "placeholder": False}
+         "scale": False, "true-at-start": False, "unstable-start": False, "placeholder": False, "front": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -61,7 +60,6 @@ class InitialisationConstants:
 
 
 INITIALISATION = InitialisationConstants()
-_NAMES = re.compile(r"(?<![\w.])[A-Za-z_]\w*")  # the first words of the names in a formula
 
 
 @dataclass(frozen=True)
@@ -212,11 +210,10 @@ class StartEquations:
                 if c.name.rpartition(".")[0] == path and names.get(c.name) not in symbols and not c.guess:
                     inside = {s.element_hash() for s in ca.symvar(self._condition(c).residual)}
                     replaced |= set() if inside & others else inside
-            known = {*component.parameters, *component.variables, *component.signals, *component.ports}
             for j, (name, reset) in open_states.items():
                 if j not in decided and symbols[j] not in replaced:
-                    text = _NAMES.sub(lambda m: f"{path}.{m[0]}" if m[0] in known else m[0], reset.value.text)  # noqa: B023
-                    residual = assembly.expression(formula(name)) - assembly.expression(formula(text))
+                    value = assembly.expression(formula(component.in_diagram(reset.value, path)))
+                    residual = assembly.expression(formula(name)) - value
                     found.append(StartRow(residual, f"{path}: {name.rpartition('.')[2]} = {reset.value.text} at the start",
                                           reset.value.place, name=name))
         return found

@@ -9,6 +9,7 @@ numbers are worthless, the others are told: a diagram in the making may go there
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -19,12 +20,13 @@ from numpy.typing import NDArray
 
 from heavebond.equations.flatten import Flat
 from heavebond.equations.resolver import Unknown
+from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.pointwise import evaluated
 from heavebond.numerics.power_balance import balance
 from heavebond.numerics.run_verdict import RUNAWAY, Finding, Verdict, verdict
 from heavebond.numerics.start_equations import Point
-from heavebond.text.expression import ExpressionProblem, Name
+from heavebond.text.expression import Expr, ExpressionProblem, Name
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,17 @@ class ValidityConstants:
     grown: typical sizes below which growth does not matter. Origin: machines exceed their typical sizes by less.
         Doubled: named later.
     grown_unknown: the same in its unit for what has no typical size. Origin: no better yardstick. Doubled: named later.
+    front: segments of a line in a front (its height over the largest rate and the travel time of a segment) below which it is
+        reported. Origin: the overshoot of a lumped line at a ramp of x segments is up to 0.45/x; 12 % at this front.
+        Doubled: reported from 6 % on.
+    front_window: travel times of a segment before and after the largest rate in which the height of a front is measured.
+        Origin: a ripple and the front before it. Doubled: two fronts may count as one.
+    front_size: share of its largest value by which a variable of a line changes for its front to matter. Origin: the error
+        is a hundredth of the value then. Doubled: errors of two hundredths are silent.
+    resolved: segments in a front that are recommended. Origin: 5 % of overshoot. Doubled: 2.5 %.
+    own_front: segments a and factor b of the front sqrt(a**2 + (b*x)**2) that a ramp of x segments becomes in a lumped
+        line. Origin: ramps of the flow at the end of a line, x from 0.01 to 9, within 5 %. Doubled: other numbers are
+        recommended.
     """
 
     grace: float = 1e-3
@@ -64,6 +77,11 @@ class ValidityConstants:
     growth: float = 1.5
     grown: float = 10.0
     grown_unknown: float = 1e3
+    front: float = 2.5
+    front_window: float = 4.0
+    front_size: float = 0.02
+    resolved: float = 9.0
+    own_front: tuple[float, float] = (0.73, 0.69)
 
 
 VALIDITY = ValidityConstants()
@@ -71,6 +89,9 @@ CAUSES = "an instability, a wrong sign, a stop that does not hold, or a source t
 LARGER = f"larger than in any machine. Look for {CAUSES}"
 RAN_AWAY = f"Look for {CAUSES}"
 GROWING = f"Look for {CAUSES}; `heavebond modes` shows which components oscillate or run away"
+FRONT = ("behind a front of so few segments the lumped line oscillates, and its peaks are up to 45 % too high. Take about {} "
+         "segments in place of {}, or a longer time for the change that causes the front")
+_NUMBER = re.compile(r"_\d+$")
 NO_VALUE = ("{} has no value there: a root, a power or a logarithm of what is below zero, or a division by 0. Bound its "
             "argument (max(x, 0)), or look at what drives it there")
 OPEN = ("Its equations are at odds with what it states under `stores` and `dissipates`: check their signs. "
@@ -180,6 +201,8 @@ def _of_stretch(s: RunSection, duration: float, balanced: bool, ranged: bool) ->
         advice = MAKES if lost.made else OPEN
         yield Finding("energy", lost.owner, lost.owner, lost.time, lost.missing, lost.limit, "W", advice)
     yield from without_value(dict(zip(shown, outputs, strict=False)), s.time[chosen]).findings
+    if len(s.time) > 1:
+        yield from _fronts(s)
 
 
 def _closely(s: RunSection, looked_at: Sequence[int], at: Points, duration: float) -> Iterator[Finding]:
@@ -192,6 +215,56 @@ def _closely(s: RunSection, looked_at: Sequence[int], at: Points, duration: floa
             there = evaluated(s.assembly, s.assembly.values, s.columns(np.array([k])))[:, 0]
             found = replace(found, advice=_culprit(flat, there))
         yield found
+
+
+def _fronts(s: RunSection) -> Iterator[Finding]:
+    """Lines in series of segments (components with a `travel_time`) through which fronts pass that are shorter than
+    `VALIDITY.front` segments: the change of the effort or speed at a segment, near its largest rate, over this rate and the
+    travel time."""
+    flat, arguments, chosen = s.assembly.flat, list(s.assembly.arguments), _spread(len(s.time), VALIDITY.watched)
+    states, leaves = {j: k for k, (j, order) in enumerate(s.assembly.reduced.states) if order == 0}, flat.expanded.leaves
+    lines: dict[str, list[str]] = {}
+    for path, leaf in leaves.items():
+        if leaf.component.travel_time is not None:
+            lines.setdefault(_NUMBER.sub("", path), []).append(path)
+    for series, segments in lines.items():
+        block = series.rpartition(".")[0]
+        name = block if block in leaves else series
+        if len(segments) == 1 and name != block:
+            continue  # a lumped line
+        own = {j: path for path in segments for port in leaves[path].component.ports
+               for member in flat.domains[f"{path}.{port}"].across
+               if (j := flat.names[f"{path}.{port}.{member}"]) in states}
+        if not own:
+            continue
+        rows = [states[j] for j in own]
+        made = s.assembly.once(("fronts", series), lambda: ca.Function("fronts", arguments, [ca.densify(stack([  # noqa: B023
+            *(s.assembly.ode[k] for k in rows), *(s.assembly.expression(_travel_time(s, path)) for path in own.values())]))]))
+        values = evaluated(s.assembly, made, s.columns(chosen))
+        rates, times = values[:len(rows)], values[len(rows):]
+        x = s.x[rows]
+        steepest = np.maximum(np.abs(rates).max(axis=1), np.abs(np.diff(x) / np.diff(s.time)).max(axis=1, initial=0.0))
+        travel, steep = times.min(axis=1), s.time[chosen][np.abs(rates).argmax(axis=1)]
+        near = np.abs(s.time - steep[:, None]) <= VALIDITY.front_window * travel[:, None]
+        reach = np.where(near, x, -np.inf).max(axis=1) - np.where(near, x, np.inf).min(axis=1)
+        # where a wave is reflected to nothing, only its ripples remain: the larger half of the changes counts
+        least = np.maximum(reach.max() / 2, VALIDITY.front_size * np.maximum(
+            np.abs(x).max(initial=0.0), [flat.unknowns[j].nominal * VALIDITY.grace for j in own]))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inside = np.where(reach >= least, reach / (steepest * travel), np.inf)
+        k = int(np.argmin(inside))
+        if inside[k] < VALIDITY.front:
+            floor, slope = VALIDITY.own_front
+            ramp = max(np.sqrt(max(inside[k]**2 - floor**2, 0.0)) / slope, 0.5)
+            number = math.ceil(len(segments) * VALIDITY.resolved / ramp)
+            yield Finding("front", name, name, float(steep[k]),
+                          float(inside[k] * travel[k]), float(travel[k]), "s", FRONT.format(number, len(segments)))
+
+
+def _travel_time(s: RunSection, path: str) -> Expr:
+    component = s.assembly.flat.expanded.leaves[path].component
+    assert component.travel_time is not None
+    return s.assembly.model.library.formula(component.in_diagram(component.travel_time, path))
 
 
 def _spread(n: int, most: int) -> Points:
