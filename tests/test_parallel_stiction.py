@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from itertools import permutations
+from pathlib import Path
 
 import numpy as np
 import pytest
+from test_co_simulation_fmu import fmpy
+from test_export import compiled
 
 import heavebond as hb
+from heavebond.exchange.fmu_export import export_fmu
 from heavebond.numerics.result import Result
 
-WRONG = pytest.mark.xfail(strict=True, reason="a contact at its stiction force slides without motion")
 # locating an event and the steps after it at rtol 1e-8, and F_s/m_r*1e-12 of creep while a contact sticks
 SMALL = 1e-6
 BLOCK = """
@@ -68,6 +71,19 @@ def test_a_load_that_turns_below_the_sum_of_the_limits_moves_nothing(f2: tuple[f
     moved = hb.simulate(block(("f1", "f2"), "=-15.01 N*sin(2*pi*time/1 s)", 0.3, f2=f2))
     assert times(moved, "f1.backward") == times(moved, "f2.backward") \
         == pytest.approx([np.arcsin(15 / 15.01) / (2 * np.pi)], abs=SMALL)
+
+
+@compiled
+def test_an_fmu_holds_parallel_contacts_as_a_run_does(tmp_path: Path) -> None:
+    model = block(("f1", "f2", "f3"), "=17.9 N*sin(2*pi*time/1 s)*if_else(time > 1.5 s, 1.1, 1)", 2)
+    export_fmu(model, tmp_path / "m.fmu", version=3)
+    found = fmpy.simulate_fmu(str(tmp_path / "m.fmu"), fmi_type="CoSimulation", stop_time=2.0, output_interval=0.01,
+                              output=["m.x"])
+    exact = hb.simulate(model)
+    at = np.searchsorted(found["time"], exact.time - 1e-9)
+    assert np.abs(exact["m.x"][exact.time < 1.5]).max() < 1e-9 < np.abs(exact["m.x"]).max()
+    # the tolerance of the FMU is 1e-9 a step
+    assert found["m.x"][at] == pytest.approx(exact["m.x"], abs=1e-6 * np.abs(exact["m.x"]).max())
 
 
 def test_a_load_at_the_start_is_held_up_to_the_sum_of_the_limits() -> None:

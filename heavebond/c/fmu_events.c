@@ -9,6 +9,8 @@ static const double PRECISION = 1e-2; /* of an instant, as a share of that */
 static const double CHATTER_SHARE = 1e-8, SLIDING_SHARE = 1e-4; /* of the run, in which CHATTERING or PASSED events are too many */
 static const double SHORTEST = 1e-14; /* step that is not halved any more */
 static const double LOOKS = 1e-3;     /* longest step between two looks at the conditions, as a share of the run */
+static const double REDUCED = 0.5; /* share of its force that a contact at its limit keeps in the trial whether it moves */
+static const double HELD = 1e-4;   /* share of the acceleration without sticking contacts below which others hold a body */
 static const double JUMP = 1e-7;      /* what a quantity may differ before and after an event and count as continuous */
 
 static double spacing(double t) { return nextafter(fabs(t), INFINITY) - fabs(t); }
@@ -64,7 +66,7 @@ static double next_instant(const Values *now) {
 /* -- what happens ------------------------------------------------------------------------------------------------------ */
 static const char *followed(Values *now, double values[]) {
   const double *arg[] = {&now->t, now->x, now->z, now->p, now->u};
-  double *res[] = {0, 0, values};
+  double *res[] = {0, 0, values, 0};
   const char *wrong = evaluate(now);
   return wrong ? wrong : model_happenings(arg, res, 0, 0, 0) ? NO_SOLUTION : NULL;
 }
@@ -73,7 +75,7 @@ static const char *followed(Values *now, double values[]) {
 static const char *fire(Values *now, const bool marked[], bool *sets) {
   double values[model_n_r + 1];
   const double *arg[] = {&now->t, now->x, now->z, now->p, now->u};
-  double *res[] = {0, values, 0};
+  double *res[] = {0, values, 0, 0};
   const char *wrong = evaluate(now);
   int i, row;
   if (wrong) return wrong;
@@ -83,6 +85,55 @@ static const char *fire(Values *now, const bool marked[], bool *sets) {
       if (model_set_state[row] >= 0) now->x[model_set_state[row]] = values[row], *sets = true;
       if (model_set_held[row] >= 0) now->p[model_set_held[row]] = values[row];
     }
+  now->fresh = false;
+  return NULL;
+}
+
+/* What the accelerations of the contacts change if those that are tried give way; `loose`: without any other contact that
+   sticks. */
+static const char *give_way(const Values *now, const bool tried[], bool loose, double change[]) {
+  int half, k;
+  for (half = 0; half < 2; ++half) {
+    Values trial = *now;
+    double rates[model_n_b + 1];
+    const double *arg[] = {&trial.t, trial.x, trial.z, trial.p, trial.u};
+    double *res[] = {0, 0, 0, rates};
+    const char *wrong;
+    for (k = 0; k < model_n_b && loose; ++k) trial.p[model_break_limit[k]] = REDUCED;
+    for (k = 0; k < model_n_b; ++k)
+      if (tried[k]) trial.p[model_break_limit[k]] = model_break_direction[k] * (half ? REDUCED : 1);
+    trial.fresh = false;
+    if ((wrong = evaluate(&trial)) != NULL) return wrong;
+    if (model_happenings(arg, res, 0, 0, 0)) return NO_SOLUTION;
+    for (k = 0; k < model_n_b; ++k) change[k] = half ? rates[k] - change[k] : rates[k];
+  }
+  return NULL;
+}
+
+/* Of the marked events, those breakaways remain after which the bodies move; breakaways of contacts that were at their
+   limits join them. The other contacts stay at their limits, or all stick again where one would move against its force. */
+static const char *breaking(Values *now, bool marked[], bool *changed) {
+  double held[model_n_b + 1], loose[model_n_b + 1];
+  bool tried[model_n_b + 1], any = false, several = false, against = false;
+  const char *wrong;
+  int k;
+  *changed = false;
+  for (k = 0; k < model_n_b; ++k) {
+    tried[k] = marked[model_break_event[k]] || now->p[model_break_limit[k]] == model_break_direction[k];
+    any = any || tried[k];
+    several = several || model_break_limit[k] != model_break_limit[0];
+  }
+  if (!any || !several) return NULL;
+  if ((wrong = give_way(now, tried, false, held)) != NULL || (wrong = give_way(now, tried, true, loose)) != NULL) return wrong;
+  for (k = 0; k < model_n_b; ++k)
+    against = against || (tried[k] && fabs(held[k]) >= HELD * fabs(loose[k]) && model_break_direction[k] * held[k] < 0);
+  for (k = 0; k < model_n_b; ++k) {
+    double *limit = &now->p[model_break_limit[k]], next = against ? 0 : model_break_direction[k];
+    if (!tried[k]) continue;
+    *changed = *changed || *limit != next;
+    *limit = next;
+    marked[model_break_event[k]] = !against && fabs(held[k]) >= HELD * fabs(loose[k]);
+  }
   now->fresh = false;
   return NULL;
 }
@@ -109,8 +160,9 @@ static const char *happen(Values *now, bool by_condition, bool *sets) {
   memcpy(marked, events->met, sizeof marked);
   memset(events->met, 0, sizeof events->met);
   for (round = 0;; ++round) {
-    bool again = false, set_off[model_n_e + 1] = {false};
+    bool again = false, changed, set_off[model_n_e + 1] = {false};
     if (round == CASCADES) return CASCADE;
+    if ((wrong = breaking(now, marked, &changed)) != NULL) return wrong;
     for (i = 0; i < model_n_e; ++i)
       if (marked[i] && model_timed[i]) events->last[i] = events->next[i], events->timed = false;
     if ((wrong = fire(now, marked, sets)) != NULL || (wrong = look(now, indicators, rates)) != NULL) return wrong;
@@ -118,10 +170,15 @@ static const char *happen(Values *now, bool by_condition, bool *sets) {
       /* what happened just now is true unless it is left at once; what else is true now became so by the reset */
       bool fired = marked[model_condition[c]];
       bool truth = indicators[c] + rates[c] * same > 0 && (fired || indicators[c] > 0);
-      if (truth && !events->truth[c] && !fired) set_off[model_condition[c]] = again = true;
-      events->truth[c] = truth;
+      bool breaks = model_breaks[model_condition[c]]; /* happens whenever its condition is met */
+      if (breaks ? indicators[c] > 0 : truth && !events->truth[c] && !fired) set_off[model_condition[c]] = again = true;
+      events->truth[c] = truth && !breaks;
     }
-    if (!again) break;
+    if (!again) { /* contacts at their limits may have lost what held them */
+      if ((wrong = breaking(now, set_off, &changed)) != NULL) return wrong;
+      for (i = 0; i < model_n_e; ++i) again = again || set_off[i];
+      if (!again && !changed) break;
+    }
     memcpy(marked, set_off, sizeof marked);
   }
   if ((wrong = schedule(now)) != NULL || !model_n_f || *sets) return wrong;
@@ -142,7 +199,7 @@ static const char *due(Values *now, bool *any, bool *by_condition) {
   if ((wrong = schedule(now)) != NULL || (wrong = look(now, indicators, rates)) != NULL) return wrong;
   for (c = 0; c < model_n_c; ++c) {
     bool truth = indicators[c] > 0 || (rates[c] > 0 && indicators[c] + rates[c] * same > 0);
-    if (!events->known) events->truth[c] = indicators[c] > 0; /* what is true at the start is no change */
+    if (!events->known) events->truth[c] = indicators[c] > 0 && !model_breaks[model_condition[c]]; /* what is true at the start is no change */
     else if (truth && !events->truth[c]) events->met[model_condition[c]] = true;
     else if (!truth) events->truth[c] = false;
   }
@@ -269,7 +326,7 @@ static const char *first_crossing(const Values *now, const double *y, const Line
     if (found < end || (found <= end && which < 0)) end = found, which = c;
   }
   if (which < 0) {
-    for (c = 0; c < model_n_c; ++c) next->events.truth[c] = b[c] > 0;
+    for (c = 0; c < model_n_c; ++c) next->events.truth[c] = b[c] > 0 && !model_breaks[model_condition[c]];
     return NULL;
   }
   *crossed = true;

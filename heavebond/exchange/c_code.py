@@ -105,17 +105,21 @@ def _event_arrays(made: Portable, prefix: str) -> list[str]:
     resets = [reset for event in made.events for reset in event.resets]
     states = {column: k for k, column in enumerate(made.assembly.reduced.states)}
     conditions = [k for k, event in enumerate(made.events) if event.indicator is not None]
+    breakaways = [(k, event.breakaway) for k, event in enumerate(made.events) if event.breakaway]
     numbers = {
         "condition": conditions,
         "repeated": [0 if event.period is None else 1 for event in made.events],
         "timed": [0 if k in conditions else 1 for k in range(len(made.events))],
         "rows": np.cumsum([0, *(len(event.resets) for event in made.events)]).tolist(),
         "set_state": [-1 if r.unknown is None else states[(r.unknown, 0)] for r in resets],
-        "set_held": [-1 if r.held is None else r.held for r in resets]}
+        "set_held": [-1 if r.held is None else r.held for r in resets],
+        "breaks": [1 if event.breakaway else 0 for event in made.events],
+        "break_event": [k for k, _ in breakaways], "break_limit": [b.limit for _, b in breakaways],
+        "break_direction": [int(b.direction) for _, b in breakaways]}
     times = grid(made.assembly.model, None, None) if made.assembly.model.until is not None else [0.0, 1.0]
     return [
         "enum { " + ", ".join(f"{prefix}_{name} = {len(found)}" for name, found in (
-            ("n_c", conditions), ("n_e", made.events), ("n_r", resets), ("n_f", made.sizes))) + " };",
+            ("n_c", conditions), ("n_e", made.events), ("n_r", resets), ("n_f", made.sizes), ("n_b", breakaways))) + " };",
         *(f"static const int {prefix}_{name}[] = {{{', '.join(map(str, found or [0]))}}};"
           for name, found in numbers.items()),
         f"static const double {prefix}_f_size[] = {{{', '.join(map(repr, made.sizes or (0.0,)))}}};",

@@ -80,7 +80,7 @@ class Portable:
     (x', g) by (x, z), by rows, and by t. `parameters` are all of p, of which those in `tunable` are the user's.
 
     Of the events, `happenings` is (t, x, z, p, u) -> (indicators of the conditions, new values of all resets, what the
-    equations differentiate and events may not make jump, with `sizes`), and `instants` p -> (first instants, periods)."""
+    equations differentiate and events may not make jump, with `sizes`, accelerations of the contacts that may break away), and `instants` p -> (first instants, periods)."""
 
     assembly: Assembly
     states: tuple[Quantity, ...]
@@ -205,7 +205,8 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
     followed = differentiated(assembly)
     happenings = [assembly.express(stack(found)) for found in (
         [e.indicator for e in flat.events if e.indicator is not None],
-        [reset.value for e in flat.events for reset in e.resets], [flat.levels[0][j] for j in followed])]
+        [reset.value for e in flat.events for reset in e.resets], [flat.levels[0][j] for j in followed],
+        [flat.levels[1][e.breakaway.speed] for e in flat.events if e.breakaway])]
     right = ca.substitute([assembly.ode, outputs, assembly.alg, ca.vec(jacobian), *happenings], [pieces, rate],
                           [given if flat.inputs else pieces, ca.SX(1)])
     used = {s.element_hash() for side in right for s in ca.symvar(side)}
