@@ -8,6 +8,7 @@ import pytest
 import heavebond as hb
 from heavebond.numerics.result import Result
 
+SMALL = 1e-7  # errors of the integrator at rtol 1e-8
 RUN = "simulate: {until: 0.5 s, every: 1 ms}\n"
 BLOCKS = {
     "FirstOrderLag": "T_1: 20 ms", "SecondOrderLag": "f_n: 5 Hz, zeta: 0.4", "LeadLag": "T_1: 0.1 s, T_2: 10 ms",

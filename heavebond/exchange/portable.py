@@ -80,7 +80,8 @@ class Portable:
     (x', g) by (x, z), by rows, and by t. `parameters` are all of p, of which those in `tunable` are the user's.
 
     Of the events, `happenings` is (t, x, z, p, u) -> (indicators of the conditions, new values of all resets, what the
-    equations differentiate and events may not make jump, with `sizes`, accelerations of the contacts that may break away), and `instants` p -> (first instants, periods)."""
+    equations differentiate and events may not make jump, with `sizes`, accelerations of the contacts that may break
+    away), and `instants` p -> (first instants, periods)."""
 
     assembly: Assembly
     states: tuple[Quantity, ...]

@@ -31,9 +31,9 @@ from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
 
 T = TypeVar("T")
 COMPONENT_KEYS = (
-    "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "initial", "travel_time", "when",
-    "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain", "symbol",
-    "sliding", "units", "placeholder", "extends", "set")
+    "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "initial", "when",
+    "travel_time", "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain",
+    "symbol", "sliding", "units", "placeholder", "extends", "set")
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
 
 
@@ -81,7 +81,8 @@ class _Parser:
             initial=resets("initial", root.items.get("initial"), "Write `initial: {z: u}`.", problems),
             when=when_entries(root.items.get("when"), problems),
             body=reading.body(root, self.source, problems) if "components" in root.items else Body(),
-            travel_time=self._formula(root, "travel_time"), stores=self._formula(root, "stores"), dissipates=self._formula(root, "dissipates"),
+            travel_time=self._formula(root, "travel_time"),
+            stores=self._formula(root, "stores"), dissipates=self._formula(root, "dissipates"),
             unbalanced=unbalanced, unbalanced_why=why,
             power=self._power(root.items.get("power")),
             requires=self._requires(root.items.get("requires")),

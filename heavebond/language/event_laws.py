@@ -47,13 +47,14 @@ def check_initial(component: Component, lookup: Lookup, problems: Problems) -> N
                 raise ExpressionProblem("initial-given", f"'{reset.target.text}' is no variable or output of "
                                         f"{component.name} that has an initial value", 0, len(reset.target.text),
                                         f"Name one of {listing(component.variables)}." if component.variables else "")
-            wanted, found = lookup(Name((reset.target.text,), 0, len(reset.target.text))), dimension(reset.value.tree, lookup)
+            wanted = lookup(Name((reset.target.text,), 0, len(reset.target.text))) or ONE
+            found = dimension(reset.value.tree, lookup)
         except ExpressionProblem as problem:
             reading.add_expression_problem(problem, reset.target.place, problems)
             continue
-        if None not in (found, wanted) and found != wanted and not is_generic(found or ONE) and not is_generic(wanted or ONE):
-            problems.add("units-differ", f"'{reset.target.text}' is in {dimension_text(wanted or ONE)}, its initial value is in "
-                         f"{dimension_text(found or ONE)}", reset.value.place, hint="Check the factors of the formula.")
+        if found is not None and found != wanted and not is_generic(found) and not is_generic(wanted):
+            problems.add("units-differ", f"'{reset.target.text}' is in {dimension_text(wanted)}, its initial value is in "
+                         f"{dimension_text(found)}", reset.value.place, hint="Check the factors of the formula.")
 
 
 def _equations_leave_alone(component: Component, problems: Problems) -> None:
@@ -178,18 +179,19 @@ def _impulse(component: Component, event: EventDefinition, problems: Problems) -
 
 
 def _breakaway(component: Component, event: EventDefinition, problems: Problems) -> None:
-    """A breakaway names the speed that it lets change, and sets otherwise one held variable, which starts at 0, to 1 or -1."""
-    rated = {call.args[0].text for line in component.equations for side in (line.tree.left, line.tree.right)
-             for call in _walk(side) if isinstance(call, Call) and call.function == "der" and isinstance(call.args[0], Name)}
+    """A breakaway names the speed that it lets change, and otherwise sets a held variable, which starts at 0, to 1 or -1."""
+    calls = [call for line in component.equations for side in (line.tree.left, line.tree.right) for call in _walk(side)]
+    rated = {call.args[0].text for call in calls
+             if isinstance(call, Call) and call.function == "der" and isinstance(call.args[0], Name)}
     limits = [component.held.get(reset.target.text) for reset in event.otherwise]
     values = [constant(reset.value.tree) for reset in event.otherwise]
     if event.key != "condition" or event.impulse or event.moves not in rated:
-        problems.add("breakaway-form", f"event '{event.name}' has `moves: {event.moves}`, which is not a speed whose rate "
-                     "is in the equations", event.place, hint="Name the sliding speed of the contact, `moves: v`, in an "
+        problems.add("breakaway-form", f"event '{event.name}' has `moves: {event.moves}`, which is not a speed whose rate is "
+                     "in the equations", event.place, hint="Name the sliding speed of the contact, `moves: v`, in an "
                      "event with a `condition:`; the law of the stuck contact contains `der(v)`.")
     elif len(limits) != 1 or limits[0] is None or limits[0].held or values[0] not in (1, -1):
-        problems.add("breakaway-form", f"event '{event.name}' has `moves:`, and its `otherwise:` does not set one held variable "
-                     "that starts at 0 to 1 or -1", event.place, hint="Declare `limit: {unit: 1, held: 0, min: -1, max: 1}`, "
+        problems.add("breakaway-form", f"event '{event.name}' has `moves:`, and its `otherwise:` does not set one held "
+                     "variable that starts at 0 to 1 or -1", event.place, hint="Declare `limit: {unit: 1, held: 0, min: -1, max: 1}`, "
                      "let the force be `limit*F_s` while it is not 0, and write `otherwise: {limit: 1}`.")
 
 

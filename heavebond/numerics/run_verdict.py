@@ -66,8 +66,8 @@ class Finding:
         if self.kind == "placeholder":
             return f"{self.name} has no law: it is a placeholder"
         if self.kind == "front":
-            return f"{self.name} passes a front of {value} at {t}, and a wave takes {readable(self.limit or 0.0, 's')} through " \
-                "each of its segments"
+            travel = readable(self.limit or 0.0, "s")
+            return f"{self.name} passes a front of {value} at {t}, and a wave takes {travel} through each of its segments"
         limit = readable(self.limit or 0.0, self.unit)
         if self.kind == "runaway":
             return f"{self.name} goes to {value}, beyond {limit} (a million typical sizes) from {t} on"

@@ -53,8 +53,8 @@ class ValidityConstants:
     grown: typical sizes below which growth does not matter. Origin: machines exceed their typical sizes by less.
         Doubled: named later.
     grown_unknown: the same in its unit for what has no typical size. Origin: no better yardstick. Doubled: named later.
-    front: segments of a line in a front (its height over the largest rate and the travel time of a segment) below which it is
-        reported. Origin: the overshoot of a lumped line at a ramp of x segments is up to 0.45/x; 12 % at this front.
+    front: segments of a line in a front (its height over the largest rate and the travel time of a segment) below which
+        it is reported. Origin: the overshoot of a lumped line at a ramp of x segments is up to 0.45/x; 12 % at this front.
         Doubled: reported from 6 % on.
     front_window: travel times of a segment before and after the largest rate in which the height of a front is measured.
         Origin: a ripple and the front before it. Doubled: two fronts may count as one.
@@ -89,8 +89,8 @@ CAUSES = "an instability, a wrong sign, a stop that does not hold, or a source t
 LARGER = f"larger than in any machine. Look for {CAUSES}"
 RAN_AWAY = f"Look for {CAUSES}"
 GROWING = f"Look for {CAUSES}; `heavebond modes` shows which components oscillate or run away"
-FRONT = ("behind a front of so few segments the lumped line oscillates, and its peaks are up to 45 % too high. Take about {} "
-         "segments in place of {}, or a longer time for the change that causes the front")
+FRONT = ("behind a front of so few segments the lumped line oscillates, and its peaks are up to 45 % too high. Take about "
+         "{} segments in place of {}, or a longer time for the change that causes the front")
 _NUMBER = re.compile(r"_\d+$")
 NO_VALUE = ("{} has no value there: a root, a power or a logarithm of what is below zero, or a division by 0. Bound its "
             "argument (max(x, 0)), or look at what drives it there")
