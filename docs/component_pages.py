@@ -121,7 +121,7 @@ def _page(component: Component, domains: dict[str, Domain]) -> str:
     lines = [GENERATED, "", f"# {component.name}", "", f"![{component.name}]({component.path.stem}.svg)", "",
              f"**Restrictions.** {_prose(component.restrictions or 'None are stated.')}", "", _prose(component.summary)]
     for title, body in (("Ports and signs", _ports(component, domains)), ("Parts", _parts(component)),
-                        ("Equations", _equations(component)), ("Events", _events(component)),
+                        ("Equations", _equations(component)), ("Start", _start(component)), ("Events", _events(component)),
                         ("Energy", _energy(component)), ("Parameters", _parameters(component)),
                         ("Variables", _variables(component)), ("What the diagnosis seeks", _effects(component)),
                         ("Source", [_prose(component.source)] if component.source else []),
@@ -194,6 +194,11 @@ def _aligned(rows: Sequence[str]) -> list[str]:
     if not rows:
         return []
     return ["$$", r"\begin{aligned}", *(row + r" \\" for row in rows[:-1]), rows[-1], r"\end{aligned}", "$$"]
+
+
+def _start(component: Component) -> list[str]:
+    values = ", ".join(f"`{r.target.text}` starts at `{r.value.text}`" for r in component.initial)
+    return [f"Unless the diagram gives an initial value, {values}."] if values else []
 
 
 def _events(component: Component) -> list[str]:

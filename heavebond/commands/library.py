@@ -257,6 +257,7 @@ def _as_dict(component: Component) -> dict[str, object]:
                             **({"moves": e.moves, "otherwise": {r.target.text: r.value.text for r in e.otherwise}}
                                if e.moves else {})}
                    for e in component.when},
+        "initial": {r.target.text: r.value.text for r in component.initial},
         "equations": [{"text": line.text.strip(), "label": line.label} for line in component.equations],
         "parts": {i.name: i.kind for i in component.body.instances.values()},
     }

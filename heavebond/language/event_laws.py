@@ -186,13 +186,13 @@ def _breakaway(component: Component, event: EventDefinition, problems: Problems)
     limits = [component.held.get(reset.target.text) for reset in event.otherwise]
     values = [constant(reset.value.tree) for reset in event.otherwise]
     if event.key != "condition" or event.impulse or event.moves not in rated:
-        problems.add("breakaway-form", f"event '{event.name}' has `moves: {event.moves}`, which is not a speed whose rate is "
+        problems.add("breakaway-form", f"event '{event.name}' has `moves: {event.moves}`, which is no speed whose rate is "
                      "in the equations", event.place, hint="Name the sliding speed of the contact, `moves: v`, in an "
                      "event with a `condition:`; the law of the stuck contact contains `der(v)`.")
     elif len(limits) != 1 or limits[0] is None or limits[0].held or values[0] not in (1, -1):
         problems.add("breakaway-form", f"event '{event.name}' has `moves:`, and its `otherwise:` does not set one held "
-                     "variable that starts at 0 to 1 or -1", event.place, hint="Declare `limit: {unit: 1, held: 0, min: -1, max: 1}`, "
-                     "let the force be `limit*F_s` while it is not 0, and write `otherwise: {limit: 1}`.")
+                     "variable that starts at 0 to 1 or -1", event.place, hint="Declare `limit: {unit: 1, held: 0, min: -1, "
+                     "max: 1}`, let the force be `limit*F_s` while it is not 0, and write `otherwise: {limit: 1}`.")
 
 
 def _is_given(component: Component, target: Name) -> bool:

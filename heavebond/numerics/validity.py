@@ -13,6 +13,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -26,7 +27,7 @@ from heavebond.numerics.pointwise import evaluated
 from heavebond.numerics.power_balance import balance
 from heavebond.numerics.run_verdict import RUNAWAY, Finding, Verdict, verdict
 from heavebond.numerics.start_equations import Point
-from heavebond.text.expression import Expr, ExpressionProblem, Name
+from heavebond.text.expression import ExpressionProblem, Name
 
 
 @dataclass(frozen=True)
@@ -221,7 +222,7 @@ def _fronts(s: RunSection) -> Iterator[Finding]:
     """Lines in series of segments (components with a `travel_time`) through which fronts pass that are shorter than
     `VALIDITY.front` segments: the change of the effort or speed at a segment, near its largest rate, over this rate and the
     travel time."""
-    flat, arguments, chosen = s.assembly.flat, list(s.assembly.arguments), _spread(len(s.time), VALIDITY.watched)
+    flat, chosen = s.assembly.flat, _spread(len(s.time), VALIDITY.watched)
     states, leaves = {j: k for k, (j, order) in enumerate(s.assembly.reduced.states) if order == 0}, flat.expanded.leaves
     lines: dict[str, list[str]] = {}
     for path, leaf in leaves.items():
@@ -238,8 +239,7 @@ def _fronts(s: RunSection) -> Iterator[Finding]:
         if not own:
             continue
         rows = [states[j] for j in own]
-        made = s.assembly.once(("fronts", series), lambda: ca.Function("fronts", arguments, [ca.densify(stack([  # noqa: B023
-            *(s.assembly.ode[k] for k in rows), *(s.assembly.expression(_travel_time(s, path)) for path in own.values())]))]))
+        made = s.assembly.once(("fronts", series), partial(_rates_and_travel, s.assembly, rows, list(own.values())))
         values = evaluated(s.assembly, made, s.columns(chosen))
         rates, times = values[:len(rows)], values[len(rows):]
         x = s.x[rows]
@@ -261,10 +261,12 @@ def _fronts(s: RunSection) -> Iterator[Finding]:
                           float(inside[k] * travel[k]), float(travel[k]), "s", FRONT.format(number, len(segments)))
 
 
-def _travel_time(s: RunSection, path: str) -> Expr:
-    component = s.assembly.flat.expanded.leaves[path].component
-    assert component.travel_time is not None
-    return s.assembly.model.library.formula(component.in_diagram(component.travel_time, path))
+def _rates_and_travel(assembly: Assembly, rows: Sequence[int], paths: Sequence[str]) -> ca.Function:
+    """The rates of some states, then the travel times of some segments."""
+    components = [assembly.flat.expanded.leaves[path].component for path in paths]
+    travel = [assembly.expression(assembly.model.library.formula(component.in_diagram(component.travel_time, path)))
+              for component, path in zip(components, paths, strict=True) if component.travel_time is not None]
+    return ca.Function("fronts", list(assembly.arguments), [ca.densify(stack([*(assembly.ode[k] for k in rows), *travel]))])
 
 
 def _spread(n: int, most: int) -> Points:
