@@ -125,7 +125,7 @@ class EventIntegration:
 
     def _true(self, now: EventState) -> NDArray[np.bool_]:
         """The conditions that are true at a point. That of a breakaway never is: it happens whenever it is met."""
-        return (self._indicators(now)[0] > 0) & ~self.breakaways
+        return np.asarray((self._indicators(now)[0] > 0) & ~self.breakaways)
 
     def _true_at_start(self, now: EventState) -> list[str]:
         """The events whose condition is true at the start, which is no change and lets nothing happen, and which would have
