@@ -44,7 +44,7 @@ class Start:
     free: tuple[str, ...]
     steps: int
     in_turn: bool = False  # whether the states were known before the loops were solved
-    of_components: bool = True  # whether the initial values of the components could be met
+    of_components: bool = False  # whether there are initial values of components, and they are met
 
 
 def start(assembly: Assembly, t: float = 0.0, u: Array | None = None, equations: StartEquations | None = None) -> Start:
@@ -54,13 +54,10 @@ def start(assembly: Assembly, t: float = 0.0, u: Array | None = None, equations:
     alone; else all change as little as they can, in scaled variables. After `start: steady` a direction that no equation
     determines is an error. `equations` are those of the assembly where they are compiled already."""
     u = np.zeros(assembly.arguments[4].numel()) if u is None else u
-    equations = equations or StartEquations(assembly)
-    problem = StartSearch(equations, assembly, t, u)
+    problem = StartSearch(equations or StartEquations(assembly), assembly, t, u)
     try:
         return problem.finished(problem.solve())
     except StartError as error:
-        if equations.component_rows:  # a lag in a loop with a gain of 1 has no such start
-            return replace(start(assembly, t, u, equations.without_components), of_components=False)
         if wrong := mechanism_messages.unassembled(assembly):
             raise StartError([wrong]) from error
         raise
@@ -92,7 +89,6 @@ def tangent(equations: StartEquations, first: Start, u: Array, directions: Array
     least change in scaled unknowns, as `start` takes it, so that what no equation determines follows its guess. Parameters
     under `solve:` follow the others.
     """
-    equations = equations if first.of_components else equations.without_components
     n_x, n_z = len(first.x), len(first.z)
     sizes = equations.sizes(first.p)
     moving = Point(first.t, first.x, first.z, first.p, u, 1.0)
@@ -108,6 +104,10 @@ def tangent(equations: StartEquations, first: Start, u: Array, directions: Array
     for system in ([aims] if equations.guesses else []) + [whole]:
         at = system.at(point)
         dy = dy + _least_change(at, system.moved(point, dp) + at[1] @ dy, sizes)
+    if first.of_components:
+        system = equations.with_components
+        at = system.at(point)
+        dy = dy + _least_change(at, system.moved(point, dp) + at[1] @ dy, equations.following(sizes))
     dp[equations.solved_for] = dy[n_x + n_z:]
     dx, dz = dy[:n_x], dy[n_x:n_x + n_z]
     if n_z:
@@ -139,6 +139,7 @@ class StartSearch:
         self.in_turn = False
         # the residual of a condition such as x = 1 nm is below that of a solution at x = 0
         self.fine = bool(assembly.sizes) or equations.asks_tiny_values(assembly.p)
+        self.of_components = False
 
     def _guess(self) -> Array:
         values = self.equations.guess(self.assembly.p)
@@ -164,6 +165,29 @@ class StartSearch:
     # -- solving ---------------------------------------------------------------------------------------------------
     def solve(self) -> Array:
         """(x, z, solved parameters) of a consistent start."""
+        y = self._without_components()
+        return self._with_components(y) if self.equations.component_rows else y
+
+    def _with_components(self, y: Array) -> Array:
+        """The start with the states that the initial values of the components decide; `y` itself if these have no solution,
+        as that of a lag in a loop with a gain of 1."""
+        sizes, system = self.equations.following(self.nominal), self.equations.with_components
+
+        def at(y: Array) -> tuple[Array, Matrix]:
+            residual, jacobian = system.at(self._point(y))
+            return residual, scaled(jacobian, None, sizes)
+
+        found = newton(at, y, Scaling(sizes, *self.equations.bounds))
+        if not found.good:
+            return y
+        try:
+            whole = self._settle(found.y)
+        except StartError:
+            return y
+        self.of_components, self.steps = True, self.steps + found.steps
+        return whole
+
+    def _without_components(self) -> Array:
         y, equations = self.y0, self.equations
         self._check_constants()
         if equations.separate and (found := self._in_turn()) is not None:
@@ -341,7 +365,7 @@ class StartSearch:
         self._check(point)
         table = []
         conditions = {assembly.flat.names.get(c.name, -1): c for c in self.equations.initial.conditions.values()}
-        own = {assembly.flat.names[row.name] for row in self.equations.component_rows}
+        own = {assembly.flat.names[row.name] for row in self.equations.component_rows if self.of_components}
         for k, (j, order) in enumerate(assembly.reduced.states):
             asked = conditions.get(j) if order == 0 else None
             moved = abs(y[k] - self.y0[k]) > 1e-9 * self.nominal[k]
@@ -357,7 +381,7 @@ class StartSearch:
             parameter = assembly.flat.parameters[k]
             table.append(StartLine(parameter.name, "solve", float(point.p[k]), parameter.unit.text, "solved for"))
         free = tuple(line.name for line in table if line.why == "default")
-        return Start(self.t, point.x, point.z, point.p, tuple(table), free, self.steps, self.in_turn)
+        return Start(self.t, point.x, point.z, point.p, tuple(table), free, self.steps, self.in_turn, self.of_components)
 
     def _others(self, point: Point, told: set[str]) -> list[StartLine]:
         """What was asked of variables that are no states."""

@@ -46,6 +46,8 @@ class InitialisationConstants:
         short against motions of machines. Doubled: nothing.
     share: share of an unknown in an undetermined direction from which on it is named. Origin: rounding is far below.
         Doubled: nothing.
+    fixed: factor of the size of an unknown that the initial values of components do not move. Origin: the square root of
+        rounding, as it enters squared. Doubled: nothing.
     """
 
     max_nesting: int = 6
@@ -57,6 +59,7 @@ class InitialisationConstants:
     undetermined: float = 1e-10
     just_after: float = 1e-3
     share: float = 1e-3
+    fixed: float = 1e-8
 
 
 INITIALISATION = InitialisationConstants()
@@ -167,8 +170,7 @@ class StartSystem:
 class StartEquations:
     """What a diagram asks of its start, as equations: conditions, guesses, rest or steady, and the loops."""
 
-    def __init__(self, assembly: Assembly, *, of_components: bool = True):
-        """`of_components`: whether the initial values of the components are conditions."""
+    def __init__(self, assembly: Assembly):
         self.assembly = assembly
         self.initial = assembly.model.initial
         names = assembly.parameter_names
@@ -178,16 +180,26 @@ class StartEquations:
             split(assembly.alg), assembly.reduced.alg_equations, strict=True)]
         held = {h.name for h in assembly.flat.held}  # what these start at stands among the parameters
         conditions = [c for c in self.initial.conditions.values() if c.name not in held]
-        self.component_rows = self._of_components(conditions) if of_components and not self.steady else []
-        self.rows = [*self.loops, *(self._condition(c) for c in conditions if not c.guess), *self.component_rows,
-                     *self._mode()]
+        self.component_rows = [] if self.steady else self._of_components(conditions)
+        self.rows = [*self.loops, *(self._condition(c) for c in conditions if not c.guess), *self._mode()]
         self.guesses = [self._condition(c) for c in conditions if c.guess and self._decides(c)]
         self.guess = InitialGuess(assembly.flat)
 
     @cached_property
-    def without_components(self) -> StartEquations:
-        """The start without the initial values of the components, for a diagram whose equations contradict them."""
-        return StartEquations(self.assembly, of_components=False)
+    def with_components(self) -> StartSystem:
+        """Everything that must hold, and the initial values of the components."""
+        return self._system([*self.rows, *self.component_rows])
+
+    def following(self, sizes: Array) -> Array:
+        """The sizes of the unknowns for the initial values of the components: these move their own states and the algebraic
+        unknowns, and leave all other states where they are."""
+        own = {self.assembly.flat.names[row.name] for row in self.component_rows}
+        found = sizes.copy()
+        for k, (j, order) in enumerate(self.assembly.reduced.states):
+            if j not in own or order:
+                found[k] *= INITIALISATION.fixed
+        found[len(self.assembly.x_nominal) + len(self.assembly.z_nominal):] *= INITIALISATION.fixed
+        return found
 
     def _of_components(self, conditions: list[Condition]) -> list[StartRow]:
         """The initial values of the components (`initial:` in their files) of states that the conditions of the diagram
@@ -305,7 +317,7 @@ class StartEquations:
     @cached_property
     def felt(self) -> NDArray[np.int64]:
         """The parameters (indices) on which the start depends: others may be changed without solving it again."""
-        stand = stack([*(row.residual for row in (*self.rows, *self.guesses)), self.guess.expressions])
+        stand = stack([*(row.residual for row in (*self.rows, *self.guesses, *self.component_rows)), self.guess.expressions])
         there = {s.element_hash() for s in ca.symvar(stand)}
         return np.array([k for s, k in self.assembly.flat.places.items() if s in there], np.int64)
 
