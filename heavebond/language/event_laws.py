@@ -39,7 +39,7 @@ def check_events(component: Component, lookup: Lookup, lengths: Lengths, problem
 
 
 def check_initial(component: Component, lookup: Lookup, problems: Problems) -> None:
-    """The initial values of a component are those of its own variables and outputs, in their units."""
+    """Note initial values of unknown variables or in wrong units."""
     outputs = {name for name, signal in component.signals.items() if signal.direction == "out"}
     for reset in component.initial:
         try:
