@@ -407,6 +407,7 @@ class StartEvents:
         true = self._indicators(point) > 0
         moved = PointSensitivity(np.zeros((len(point.x), 0)), np.zeros((0, 0)), np.zeros((len(point.p), 0)))
         for _ in range(EVENTS.max_cascades if events else 0):
+            point, events = equations.breaking(point, events)
             point, moved, yielded = equations.fire(point, moved, events, [np.zeros(0)] * len(events), np.zeros(0),
                                                     EVENTS.impact_time)
             fired = np.array([i in (*events, *yielded) for i in equations.conditions], dtype=bool)
