@@ -1,0 +1,254 @@
+"""Variables that cannot fall below a physical limit: a run ends there, and a trial of a search is rejected."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import heavebond as hb
+from heavebond.cli import main
+from heavebond.core.errors import RunWarning, SimulationError
+from heavebond.language.library import library
+from heavebond.numerics.quick_simulation import CaseSimulator, FitSimulator, QuickSimulator
+from heavebond.numerics.result import Probe
+from heavebond.numerics.simulator import Simulator
+from heavebond.optimise.objective import TuningProblem, ranges
+from heavebond.optimise.tuning import tune
+
+# 2 L/min out of 2 L of oil: dp/dt = -q beta/V = -250 bar/s from 10 bar, vacuum after 11.01325/250 s
+SUCKING = """
+model: sucking
+components:
+  pump: {is: FlowSource, u: -2 L/min}
+  oil:  {is: Volume, V: 2 L, beta: 1.5 GPa}
+nodes: {oil: [pump.a, oil.a]}
+initial: {oil.p: 10 bar}
+show: {pressure: {is: oil.p, unit: bar}}
+simulate: {until: 2 s, every: 1 ms}
+"""
+# a level of 1 m on 0.1 m**2, drawn by 1 L/s: empty after 100 s
+DRAINED = """
+model: drained
+components:
+  tank: {is: OpenTank, A: 0.1 m**2}
+  pump: {is: FlowSource, u: -1 L/s}
+  rain: {is: FlowSource, u: 0 L/s}
+nodes: {top: [rain.a, tank.a], bottom: [pump.a, tank.b]}
+initial: {tank.h: 1 m}
+show: {level: {is: tank.h, unit: m}}
+simulate: {until: 150 s, every: 0.5 s}
+"""
+# p = p_0 - q R T/V t: 1 g/s out of 1 L of air at 20 degC and 101325 Pa
+EMPTIED = """
+model: emptied
+components:
+  tank: {is: Receiver, V: 1 L}
+  draw: {is: PneumaticFlowSource, u: -1 g/s}
+nodes: {tank: [tank.a, draw.a]}
+initial: {tank.p: 101325 Pa}
+simulate: {until: 4 s, every: 10 ms}
+"""
+# T = T_0 - P/(m c) t: 460 J/K from 293.15 K with 10 kW
+FROZEN = """
+model: frozen
+components:
+  block: {is: HeatCapacity, m: 1 kg, c: 460 J/(kg*K)}
+  cold:  {is: HeatSource, u: -10 kW}
+nodes: {block: [block.a, cold.a]}
+simulate: {until: 20 s, every: 0.1 s}
+"""
+# a rod that is pulled at 0.1 m/s: V_A = 0.2 L - 10 cm**2 * 0.1 m/s * t is 0 after 2 s
+PULLED = """
+model: pulled
+components:
+  frame: {is: Fixed}
+  ram:   {is: Cylinder, A_A: 10 cm**2, A_B: 10 cm**2, V_A0: 0.2 L, V_B0: 1 L, beta: 1.5 GPa}
+  drive: {is: VelocitySource, u: -0.1 m/s}
+  tank:  {is: Tank}
+nodes: {frame: [frame.a, ram.a], rod: [ram.b, drive.a], oil: [ram.A, ram.B, tank.a]}
+initial: {rod.x: 0 m}
+simulate: {until: 3 s, every: 10 ms}
+"""
+CASES = {
+    "pressure": (SUCKING, "oil.p", 11.01325 / 250, "Cavitation"),
+    "level": (DRAINED, "tank.h", 100.0, "CheckValve"),
+    "gas pressure": (EMPTIED, "tank.p", 101325 * 1e-3 / (1e-3 * 287.05 * 293.15), "PneumaticOrifice"),
+    "temperature": (FROZEN, "block.T", 293.15 * 460 / 10e3, "ThermalResistance"),
+    "volume": (PULLED, "ram.V_A", 2.0, "EndStop"),
+}
+
+
+def command(folder: Path, text: str, *words: str, name: str = "run") -> tuple[int, str, dict]:
+    """Exit code, standard error and JSON file of a command on a diagram."""
+    (folder / "machine.yaml").write_text(text, encoding="utf-8")
+    said = CliRunner().invoke(main, [name, str(folder / "machine.yaml"), *words, "--json", str(folder / "told.json")])
+    return said.exit_code, said.stderr, json.loads((folder / "told.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.xfail(strict=True, reason="a violated limit is only a warning")
+def test_a_chamber_of_negative_volume_ends_the_run_of_the_compensator(tmp_path: Path) -> None:
+    """The rod leaves the active cylinder of 1.26 m after 8.6 s in a wave of 4 m; the results before it are written."""
+    saved, told = tmp_path / "run.csv", tmp_path / "told.json"
+    said = CliRunner().invoke(main, ["run", "cmc_ahc", "--set", "wave.a=4 m", "--save", str(saved), "--json", str(told)])
+    assert said.exit_code == 1
+    assert "ahc.cylinder.V_B falls below 0 m**3 at 8.6" in said.stderr and "[run-physical]" in said.stderr
+    assert "EndStop" in said.stderr
+    rows = np.genfromtxt(saved, delimiter=",", skip_header=1)
+    assert 8.6 < rows[-1, 0] < 8.7 and len(rows) > 400
+    found = json.loads(told.read_text(encoding="utf-8"))["validity"]
+    assert (found["status"], found["exit"]) == ("failed", 1)
+    assert (found["findings"][0]["part"], found["findings"][0]["name"]) == ("ahc.cylinder", "ahc.cylinder.V_B")
+
+
+@pytest.mark.xfail(strict=True, reason="a violated limit is only a warning")
+@pytest.mark.parametrize("case", CASES)
+def test_a_run_ends_at_its_physical_limit_with_the_part_the_time_and_the_component_to_add(case: str, tmp_path: Path) -> None:
+    """The times are closed forms; they are interpolated between two output points of a straight line, which is exact up to
+    the tolerance below the limit (1e-3 of the atmosphere, 1e-6 of the nominal size)."""
+    text, name, time, component = CASES[case]
+    code, said, told = command(tmp_path, text)
+    assert code == 1, said
+    assert f"{name} falls below" in said and component in said
+    found = told["validity"]["findings"][0]
+    assert (found["kind"], found["part"], found["name"]) == ("physical", name.rpartition(".")[0], name)
+    assert found["time"] == pytest.approx(time, rel=1e-3)
+    assert told["until"] <= time * (1 + 1e-3)
+
+
+@pytest.mark.xfail(strict=True, reason="a violated limit is only a warning")
+def test_a_limit_between_distant_output_points_has_its_time(tmp_path: Path) -> None:
+    """A tank that empties at 100 s, in a run with output points at 0 and 150 s only."""
+    code, said, told = command(tmp_path, DRAINED, "--every", "150 s")
+    assert code == 1, said
+    assert told["validity"]["findings"][0]["time"] == pytest.approx(100.0, rel=1e-3)
+
+
+@pytest.mark.xfail(strict=True, reason="a violated limit is only a warning")
+def test_python_has_the_results_up_to_the_limit_and_a_failed_verdict() -> None:
+    with pytest.warns(RunWarning, match=r"tank\.h falls below 0 m at 100 s"):
+        result = hb.simulate(hb.loads(DRAINED), sensitivities=["pump.u"])
+    assert result.verdict.failed and result.time[-1] == pytest.approx(100.0, abs=0.5)
+    assert result["tank.h"] == pytest.approx(1 - result.time / 100, abs=1e-8)
+    assert result.sensitivity("tank.h", "pump.u") == pytest.approx(result.time / 0.1, rel=1e-6, abs=1e-9)
+    with pytest.raises(SimulationError, match="run-physical"):
+        result.verdict.raise_if_failed()
+
+
+@pytest.mark.xfail(strict=True, reason="a violated limit is only a warning")
+def test_a_limit_ends_a_run_with_events() -> None:
+    """A relay opens the outflow at 0.5 m, after 50 s; 2 L/s then empty the tank within 25 s."""
+    text = DRAINED.replace("u: -1 L/s", 'u: "=if_else(valve.y > 0.5, -2 L/s, -1 L/s)"').replace(
+        "  rain:", "  valve: {is: Relay, u: =-tank.h/(1 m), u_on: -0.5, u_off: -10, y_on: 1}\n  rain:")
+    with pytest.warns(RunWarning, match=r"tank\.h falls below 0 m at 75"):
+        result = hb.simulate(hb.loads(text))
+    assert [round(time) for time, _ in result.events] == [50]
+
+
+@pytest.mark.xfail(strict=True, reason="a violated limit is only a warning")
+@pytest.mark.parametrize("kind", [Simulator, FitSimulator, QuickSimulator, CaseSimulator])
+def test_a_trial_beyond_a_limit_fails_in_every_simulator_of_a_search(kind: type[Simulator]) -> None:
+    assembly = hb.assemble(hb.loads(DRAINED))
+    simulator = kind(assembly, times=np.linspace(0, 150, 301))
+    with pytest.raises(SimulationError) as failed:
+        simulator.run({"pump.u": -1e-3})
+    assert failed.value.problems[0].code == "run-physical"
+    assert simulator.run({"pump.u": -1e-4})["tank.h"][-1] == pytest.approx(0.85)
+
+
+@pytest.mark.xfail(strict=True, reason="a violated limit is only a warning")
+@pytest.mark.parametrize("kind", [FitSimulator, QuickSimulator])
+def test_a_trial_of_which_only_outputs_are_kept_fails_too(kind: type[FitSimulator | QuickSimulator]) -> None:
+    """The level is no output: only the pressure of the sprinkled water is."""
+    assembly = hb.assemble(hb.loads(DRAINED))
+    simulator = kind(assembly, times=np.linspace(0, 150, 301), probe=Probe(assembly, ["pump.u"]), sensitivities=["pump.u"])
+    with pytest.raises(SimulationError):
+        simulator.measured({"pump.u": -1e-3})
+    values, _ = simulator.measured({"pump.u": -1e-4})
+    assert values.shape == (1, 301)
+
+
+@pytest.mark.xfail(strict=True, reason="a violated limit is only a warning")
+def test_a_fit_rejects_trials_beyond_a_limit_and_finds_the_values(tmp_path: Path) -> None:
+    """Starts are spread over 0 to 20 L/s; the record is of 0.5 L/s, and above 1.5 times that the tank runs empty."""
+    (tmp_path / "drained.yaml").write_text(DRAINED.replace("-1 L/s", "-0.3 L/s"), encoding="utf-8")
+    time = np.arange(0, 151, 5)
+    rows = "\n".join(f"{t},{1 - t / 200 + 1e-3 * np.sin(7 * t)}" for t in time)
+    (tmp_path / "record.csv").write_text(f"t,h\n{rows}\n", encoding="utf-8")
+    (tmp_path / "level.yaml").write_text("""
+experiment: level
+model: drained.yaml
+time: {column: t, unit: s}
+records: {test: {file: record.csv, use: fit}}
+outputs: {level: {is: tank.h, column: h, unit: m, noise: 1 mm}}
+free: {pump.u: -20 .. 0 L/s}
+""", encoding="utf-8")
+    found = hb.fit(str(tmp_path / "level.yaml"), starts=5)
+    assert found.parameters["pump.u"].value == pytest.approx(-0.5e-3, rel=1e-2)
+
+
+@pytest.mark.xfail(strict=True, reason="a violated limit is only a warning")
+def test_tuning_stays_inside_a_limit() -> None:
+    """The lowest level at the end is asked for: without the limit it is -14 m, with it the tank is just empty. The cost at
+    the end of the search is within 2 % of the range of the level, as steps into the forbidden side are halved."""
+    task = TuningProblem(ranges({"pump.u": "-10 .. -0.1 L/s"}), "final(tank.h)", begin=0.0, end=150.0)
+    found = tune(hb.loads(DRAINED.replace("-1 L/s", "-0.2 L/s")), task)
+    assert 0 <= found.cost < 0.15
+    # integrals alone: forward and backward in one call
+    task = TuningProblem(ranges({"pump.u": "-10 .. -0.1 L/s", "rain.u": "0 .. 0.01 L/s"}), "mean((tank.h/(1 m) + 3)**2)",
+                         begin=0.0, end=150.0)
+    found = tune(hb.loads(DRAINED.replace("-1 L/s", "-0.2 L/s")), task)
+    assert found.cost > 3.0**2
+
+
+@pytest.mark.xfail(strict=True, reason="a violated limit is only a warning")
+def test_a_study_marks_the_case_beyond_a_limit(tmp_path: Path) -> None:
+    code, said, told = command(tmp_path, DRAINED, "--over", "pump.u=-0.5 L/s, -1 L/s", "--measure", "final(level) in m",
+                               "--processes", "1", "--output", str(tmp_path / "swept"), name="sweep")
+    assert code == 0, said
+    fine, empty = told["cases"]
+    assert fine["problem"] == "" and list(fine["values"].values()) == [pytest.approx(0.25)]
+    assert "tank.h falls below 0 m at 100 s" in empty["problem"] and not empty["values"]
+
+
+@pytest.mark.xfail(strict=True, reason="a violated limit is only a warning")
+def test_a_start_below_a_limit_is_an_error(tmp_path: Path) -> None:
+    for name in ("run", "check", "energy"):
+        code, said, _ = command(tmp_path, SUCKING.replace("10 bar", "-10 bar"), name=name)
+        assert code == 1 and "oil.p" in said and "Cavitation" in said, name
+
+
+@pytest.mark.xfail(strict=True, reason="there is no such key")
+def test_a_component_declares_the_limit_of_its_variable(tmp_path: Path) -> None:
+    """A gauge pressure of a component in a file of a user, and the message that it has."""
+    law = """
+component: Cell
+summary: A pressure that falls at a constant rate.
+ports: {}
+parameters: {r: {unit: Pa/s, doc: rate}}
+variables: {p: {unit: Pa, physical: -1 bar, beyond: the cell boils. Add a Vent, doc: gauge pressure}}
+equations: |
+  der(p) = -r   # falls
+"""
+    text = "model: m\ncomponents: {cell: {is: Cell, r: 1 bar/s}}\nnodes: {}\ninitial: {cell.p: 0 bar}\nsimulate: {until: 2 s}\n"
+    (tmp_path / "cell.yaml").write_text(law, encoding="utf-8")
+    code, said, told = command(tmp_path, text)
+    assert code == 1 and "cell.p falls below -1 bar at 1" in said and "the cell boils. Add a Vent." in said
+    assert told["validity"]["findings"][0]["time"] == pytest.approx(1.0, rel=2e-3)
+    (tmp_path / "cell.yaml").write_text(law.replace(", beyond: the cell boils. Add a Vent", ""), encoding="utf-8")
+    code, said, _ = command(tmp_path, text)
+    assert code == 1 and "[beyond-missing]" in said
+
+
+# Variables with the unit of a volume, a mass, a pressure or a temperature that may be negative, and why.
+SIGNED = {
+    "Pa": "a difference of pressures",
+}
+
+
+@pytest.mark.xfail(strict=True, reason="the library declares no limits")
+def test_the_library_declares_the_limits_of_volumes_masses_levels_and_absolute_pressures_and_temperatures() -> None:
+    assert library().component("Cylinder").variables["V_A"].physical == 0
