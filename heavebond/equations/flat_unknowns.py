@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from math import inf
 
 from heavebond.core.units import Dimension, Unit
@@ -53,12 +54,15 @@ class Unknowns:
                 self._through_unknowns(path, port, domain_name, leaf)
             for name, variable in leaf.component.unknowns.items():
                 unit = solved_unit(variable.unit, leaf, self.expanded, self.network)
-                usual = self.plausible_of.get(unit.text, NOTHING_KNOWN)
+                usual = self.plausible_of.get(unit.text, NOTHING_KNOWN) if variable.nominal is None else \
+                    PlausibleRange(variable.nominal)
+                if variable.physical is not None:
+                    usual = replace(usual, least=variable.physical, beyond=variable.beyond)
                 self._unknown(Unknown(
                     f"{path}.{name}", unit, variable.nominal or self._nominal(unit, variable.start), "own", variable.place,
                     variable.doc, -inf if variable.low is None else variable.low,
                     inf if variable.high is None else variable.high, variable.start,
-                    plausible=usual if variable.nominal is None else PlausibleRange(variable.nominal)), ())
+                    plausible=usual), ())
 
     def _nominal(self, unit: Unit, start: float | None) -> float:
         usual = self.nominal_of.get(unit.dimension, 1.0)

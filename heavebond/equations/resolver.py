@@ -26,8 +26,8 @@ POWER, WATT = "power", declared_unit("W").dimension
 @dataclass(frozen=True)
 class PlausibleRange:
     """What is known of the values that a variable can have, in SI: its typical size (inf where none is declared), by how
-    much that grows a second (a position goes on at its typical speed), what no machine exceeds, and the least value that
-    means anything, with what to say below it."""
+    much that grows a second (a position goes on at its typical speed), what no machine exceeds, and the physical limit
+    below which a run ends, with the advice of its message."""
 
     typical: float = inf
     per_second: float = 0.0

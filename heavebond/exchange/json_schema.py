@@ -158,7 +158,9 @@ def component_file(known: Library) -> Schema:
         "medium": _said("the property of the medium in its circuit that it is taken from"),
         "width": _said("the width of a transition that makes a law smooth; written without a value", {})})
     variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,
-                        "nominal": QUANTITY, "count": COUNT}, ["unit"])
+                        "nominal": QUANTITY, "count": COUNT,
+                        "physical": _said("the limit below which a run ends with an error", QUANTITY),
+                        "beyond": _said("what happens below `physical`, and which component models it")}, ["unit"])
     event = _object({**dict.fromkeys((*KINDS, "from", "impulse", "moves"), FORMULA), "then": _each(FORMULA),
                      "otherwise": _each(FORMULA)}, ["then"])
     return _object({

@@ -206,10 +206,18 @@ class _Parser:
                          columns)
 
     def _variable(self, key: Scalar, node: Mapping) -> Variable:
-        reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count", "nominal"),
+        reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count", "nominal", "physical", "beyond"),
                            f"variable '{key.text}'", self.problems, ("unit",))
         unit = reading.unit(node.items.get("unit"), self.problems)
-        bounds = {name: self._bound(node, name, unit, key) for name in ("min", "max", "start", "held", "nominal")}
+        bounds = {name: self._bound(node, name, unit, key) for name in ("min", "max", "start", "held", "nominal", "physical")}
+        beyond = reading.text(node.items.get("beyond"), "beyond", self.problems)
+        if bounds["physical"] is not None and not beyond:
+            self.problems.add("beyond-missing", f"'{key.text}' has a physical limit, but no text for a run that passes it",
+                              node.keys["physical"].place,
+                              hint="Add `beyond:`, what happens there and which component models it.")
+        if "physical" in node.items and "held" in node.items:
+            self.problems.add("held-physical", f"'{key.text}' has `physical:` and `held:`", node.keys["physical"].place,
+                              hint="Only variables that equations determine have a physical limit.")
         if bounds["nominal"] is not None and not bounds["nominal"] > 0:
             self.problems.add("nominal-not-positive", f"'nominal' of '{key.text}' is a size: it must be above 0",
                               node.items["nominal"].place, hint="Write the size that the variable commonly has.")
@@ -219,7 +227,7 @@ class _Parser:
         count, columns = self._shape(node)
         return Variable(key.text, unit or DIMENSIONLESS, key.place,
                         reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
-                        bounds["start"], bounds["held"], count, bounds["nominal"], columns)
+                        bounds["start"], bounds["held"], count, bounds["nominal"], columns, bounds["physical"], beyond)
 
     def _bound(self, node: Mapping, name: str, unit: Unit | None, key: Scalar) -> float | None:
         """A bound or default in SI; its unit may be left out where the declared one is dimensionless or it is 0.

@@ -234,7 +234,8 @@ def rate_of(text: str) -> str | None:
 @dataclass(frozen=True)
 class Variable:
     """An inner unknown of a component, or with `count` a list or matrix of them; `start` is the guess where nothing else is
-    known, `nominal` its typical size where that is not the usual one of its unit.
+    known, `nominal` its typical size where that is not the usual one of its unit. A run ends where it falls below its
+    `physical` limit; `beyond` says what happens there and what models it.
 
     With `held`, the value that it starts at, it is no unknown: it is constant between events, which alone change it.
     """
@@ -250,6 +251,8 @@ class Variable:
     count: Expr | None = None
     nominal: float | None = None
     columns: Expr | None = None
+    physical: float | None = None
+    beyond: str = ""
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.forcing import Forcing
 from heavebond.numerics.idas import in_unit_of_time, time_unit
 from heavebond.numerics.initialise import Start, Tangent
+from heavebond.numerics.physical_limits import check_limits, limited
 from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.solvers import CVODES_SHARE, Choice, Integrator, integrator, solver_options
@@ -198,17 +199,27 @@ class Unexplained(Simulator):
             watch(int(begin), signals[self._keep[begin:end] - seen].T)
 
         try:
-            integrated = self._compiled(self.driver, first, moved, not self._measured, watch and at_outputs)
-            self._whole, self._measured = None if self._measured else integrated, True
-            found = integrated.signals[self._keep]
+            limits = bool(limited(self.assembly).unknowns)
+            whole = self._compiled(self.driver, first, moved, limits or not self._measured, watch and at_outputs)
+            self._whole, self._measured = None if self._measured else whole, True
         except RuntimeError as error:
             check()
             if self.driver.equations.n_z:
                 return None
             raise self._failure(self.assembly, first, str(error)) from None
+        found = whole.signals[self._keep]
         if not np.all(np.isfinite(found)):
             raise self._failure(self.assembly, first, "a value became infinite or not a number")
+        if limits:
+            n_x, n_z = len(first.x), len(first.z)
+            check_limits(Result(self.assembly, self.time, whole.x[:n_x, self._keep] * self.assembly.x_nominal[:, None],
+                                whole.z[:n_z, self._keep] * self.assembly.z_nominal[:, None], self._inputs_at_outputs,
+                                first.p, first))
         return found
+
+    @cached_property
+    def _inputs_at_outputs(self) -> Array:
+        return self.pieces.at(self.time)
 
     def _compiled(self, driver: CompiledCvodes, first: Start, moved: Tangent | None, states: bool,
                   watch: Watch | None = None) -> Integrated:

@@ -64,7 +64,8 @@ class Result:
     `quadratures` (n_q, N) are the integrals that the caller asked for, `p` (n_p,) the parameters at the start, `held`
     (n_h, N) the held variables, and `instants` the events; at an event the values are those after it. `stays` are the
     parts of the run in which other states were integrated: their times (k,) and the run there in those states. `between`
-    makes `dense`, where its algebraic unknowns are those that the function with it gives.
+    makes `dense`, where its algebraic unknowns are those that the function with it gives. `ended` is the violation of a
+    physical limit that ended the run.
     """
 
     assembly: Assembly
@@ -81,12 +82,14 @@ class Result:
     instants: tuple[Instant, ...] = ()
     stays: tuple[Stayed, ...] = ()
     between: Callable[[], tuple[Result, Settle | None]] | None = field(default=None, repr=False, compare=False)
+    ended: Finding | None = None
 
     @cached_property
     def verdict(self) -> Verdict:
         """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
-        findings = [*self._true_at_start(), *self._placeholders(), *self._unfit(), *self._unstable_start()]
+        findings = [*self._true_at_start(), *self._placeholders(), *self._unfit(), *self._unstable_start(),
+                    *([self.ended] if self.ended else [])]
         return judged(list(_stretches(self)), findings, dense)
 
     @cached_property
@@ -139,6 +142,18 @@ class Result:
         return [Finding("scale", name, name.rpartition(".")[0], float(self.time[0]), float(size), u.nominal, u.unit.text,
                         f"State its size, `nominal: {{{name}: {size:g} {u.unit.text}}}`")
                 for name, size in found.items() if (u := unknowns.get(name)) is not None]
+
+    def first(self, n: int) -> Result:
+        """The run at its first n output times."""
+        along, to = self.along, slice(0, n)
+        if along is not None:
+            along = replace(along, x=along.x[..., to], z=along.z[..., to], quadratures=along.quadratures[..., to],
+                            held=along.held[..., to])
+        stays = tuple((at[at < n], stay.first(int((at < n).sum()))) for at, stay in self.stays if (at < n).any())
+        time = self.time[to]
+        return replace(self, time=time, x=self.x[:, to], z=self.z[:, to], u=self.u[:, to],
+                       quadratures=self.quadratures[:, to], along=along, held=self.held[:, to], stays=stays, between=None,
+                       instants=tuple(i for i in self.instants if i.time <= time[-1]))
 
     def plot(self, *names: str) -> Figure:
         """A matplotlib figure of signals over time, of the outputs under `show:` where none is named: one axes per unit."""

@@ -69,6 +69,8 @@ class Finding:
             travel = readable(self.limit or 0.0, "s")
             return f"{self.name} passes a front of {value} at {t}, and a wave takes {travel} through each of its segments"
         limit = readable(self.limit or 0.0, self.unit)
+        if self.kind == "physical":
+            return f"{self.name} falls below {limit} at {t}"
         if self.kind == "runaway":
             return f"{self.name} goes to {value}, beyond {limit} (a million typical sizes) from {t} on"
         return f"{self.name} goes to {value}, beyond {limit} from {t} on"
@@ -79,8 +81,9 @@ class Finding:
 
 
 # whether a run with such a finding is worthless
-KINDS = {"not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False, "growth": False,
-         "scale": False, "true-at-start": False, "unstable-start": False, "placeholder": False, "front": False}
+KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False,
+         "growth": False, "scale": False, "true-at-start": False, "unstable-start": False, "placeholder": False,
+         "front": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 

@@ -35,6 +35,7 @@ from heavebond.numerics.dae import Assembly, assemble
 from heavebond.numerics.idas import Tolerances
 from heavebond.numerics.initialise import Start, start
 from heavebond.numerics.output_times import Time
+from heavebond.numerics.physical_limits import LimitPassed, resolved
 from heavebond.numerics.pointwise import evaluated
 from heavebond.numerics.result import Result, columns
 from heavebond.numerics.run_verdict import report_verdict
@@ -74,7 +75,11 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
     simulator = Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol), sensitivities=sensitivities,
                           solver=asked, allow_fmu=allow_fmu, dense=True)
     simulator.expect(parameters)
-    result = run_by_auto(simulator, parameters, allow_fmu) if asked == "auto" else _run_as_asked(simulator, parameters)
+    try:
+        result = run_by_auto(simulator, parameters, allow_fmu) if asked == "auto" else _run_as_asked(simulator, parameters)
+    except LimitPassed as error:
+        result = resolved(error, simulator.time, lambda times: Simulator(
+            assembly, times=times, tolerances=simulator.tolerances, allow_fmu=allow_fmu).run(parameters))
     report_verdict(assembly.model.name, result.verdict)
     return result
 
@@ -137,7 +142,7 @@ def _changed_where_it_stops(simulator: Simulator, parameters: Mapping[str, float
         again.change_solvers()
         return _accepted(again.run(), fills, first)
     except HeavebondError as error:
-        failed = error is not first and error.problems[0].code == "integration-failed"
+        failed = error is not first and error.problems[0].code in ("integration-failed", "run-physical")
         raise (error if failed else simulator.explained(first)) from None
 
 
@@ -201,8 +206,8 @@ def fills_told(nodes: Sequence[str], why: str) -> str:
 
 
 def _may_help(problem: Problem) -> bool:
-    """Whether another system or solver could do what failed: not where events went wrong."""
-    return not problem.code.startswith("event")
+    """Whether another system or solver could do what failed: not where events went wrong, or a physical limit is passed."""
+    return not problem.code.startswith("event") and problem.code != "run-physical"
 
 
 def _accepted(result: Result, fills: Mapping[str, str], why: HeavebondError) -> Result:

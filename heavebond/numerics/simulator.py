@@ -30,6 +30,7 @@ from heavebond.numerics.inputs import Pieced, pieced
 from heavebond.numerics.jumps import EventEquations
 from heavebond.numerics.looks import Looks
 from heavebond.numerics.output_times import DENSE_POINTS, Time, grid, refined
+from heavebond.numerics.physical_limits import check_limits
 from heavebond.numerics.result import ForwardSensitivities, Result, Settle, Stayed
 from heavebond.numerics.sizes import SIZES, far_below, fitting_sizes
 from heavebond.numerics.solvers import DEFAULT, RETYPE, Choice, Explicit, Integrator, algebraic_left, chosen, integrator
@@ -280,6 +281,7 @@ class Simulator:
             return in_states(assembly, np.arange(len(keep)), found.x, found.z, stays)
 
         result = taken(found, self.time, self._keep)
+        check_limits(result)
         self._check_decided(result)
         if found.between is None:
             return result

@@ -36,6 +36,8 @@ class ValidityConstants:
 
     grace: share of a limit, or of the usual size of a variable, by which it may pass the limit. Origin: errors of the
         integration at an end stop. Doubled: smaller excesses are silent.
+    rounding: share of the usual size of a variable by which it may always pass a physical limit. Origin: ten times the
+        absolute tolerance of the integration. Doubled: a tank that is empty may be emptied a little further.
     worthless: magnitude that no unit explains. Origin: its square is infinite. Doubled: nothing.
     fast: multiple of the typical speed of its domain at which a position may move for the whole run. Origin: a shaft
         that turns for hours. Doubled: a position that runs away is named later.
@@ -68,6 +70,7 @@ class ValidityConstants:
     """
 
     grace: float = 1e-3
+    rounding: float = 1e-9
     worthless: float = 1e150
     fast: float = 100.0
     samples: int = 100
@@ -341,12 +344,19 @@ def _bounds(u: Unknown, duration: float) -> tuple[float, float]:
     """Between which values nothing is wrong with a variable."""
     most = min(RUNAWAY * typical_size(u, duration), VALIDITY.worthless, _largest(u, duration))
     own = u.role == "own"
-    least = max(u.plausible.least - _grace(u, u.plausible.least), u.low - _grace(u, u.low) if own else -np.inf)
+    least = max(u.plausible.least - physical_grace(u), u.low - _grace(u, u.low) if own else -np.inf)
     return max(-most, least), min(most, u.high + _grace(u, u.high) if own else np.inf)
 
 
 def _grace(u: Unknown, limit: float) -> float:
     return VALIDITY.grace * max(abs(limit), u.nominal * VALIDITY.grace) if math.isfinite(limit) else 0.0
+
+
+def physical_grace(u: Unknown, reach: float = 0.0) -> float:
+    """How far a variable may fall below its physical limit, in a run in which it stood up to `reach` above it."""
+    limit = u.plausible.least
+    share = VALIDITY.grace * max(abs(limit), VALIDITY.grace * min(u.nominal, reach)) if math.isfinite(limit) else 0.0
+    return max(share, VALIDITY.rounding * u.nominal)
 
 
 def _largest(u: Unknown, duration: float) -> float:
@@ -364,12 +374,12 @@ def _wrong(u: Unknown, values: Array, time: Array, duration: float) -> Iterator[
     for kind, most, advice in (("runaway", min(typical, VALIDITY.worthless), RAN_AWAY), ("larger", largest, LARGER)):
         if np.abs(values).max() > most:
             yield _passed(kind, u, values, time, np.abs(values) > most, most, advice)
-    declared = [(u.plausible.least, -1, u.plausible.beyond)]
-    if u.role == "own":
-        owner, _, name = u.name.rpartition(".")
-        advice = f"beyond what {owner} allows for its {name}. Look at its start, and at what drives it"
-        declared += [(u.low, -1, advice), (u.high, 1, advice)]
-    for limit, side, advice in declared:
+    below = values < u.plausible.least - physical_grace(u)
+    if below.any():
+        yield _passed("physical", u, values, time, below, u.plausible.least, u.plausible.beyond)
+    owner, _, name = u.name.rpartition(".")
+    advice = f"beyond what {owner} allows for its {name}. Look at its start, and at what drives it"
+    for limit, side in ((u.low, -1), (u.high, 1)) if u.role == "own" else ():
         over = side * (values - limit) > _grace(u, limit)
         if math.isfinite(limit) and over.any():
             yield _passed("range", u, values, time, over, limit, advice)
@@ -384,7 +394,7 @@ def _passed(kind: str, u: Unknown, values: Array, time: Array, over: NDArray[np.
             ) -> Finding:
     """A limit that is passed, first at the time at which the straight line between two points meets it."""
     worst = float(values[int(np.argmax(np.abs(values - limit) * over))])
-    edge, k = limit if kind == "range" else float(np.copysign(limit, worst)), int(np.argmax(over))
+    edge, k = limit if kind in ("range", "physical") else float(np.copysign(limit, worst)), int(np.argmax(over))
     first = float(time[k])
     if k > 0 and values[k] != values[k - 1]:
         share = float(np.clip((edge - values[k - 1]) / (values[k] - values[k - 1]), 0, 1))

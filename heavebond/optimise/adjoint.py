@@ -28,6 +28,7 @@ from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.idas import caught_errors, in_unit_of_time, integrator_options, time_unit
 from heavebond.numerics.initialise import Start, Tangent, start, tangent
 from heavebond.numerics.machine_code import Evaluated
+from heavebond.numerics.physical_limits import check_limits
 from heavebond.numerics.result import Result, columns
 from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.solvers import DEFAULT
@@ -161,6 +162,7 @@ class Adjoint:
         by_x, by_p, found = self._called(made, first, pulls, np.zeros((0, pulls.shape[0] * n_q)))
         self._steps = max(self._steps, _steps(made.integrator.stats()))
         run = self._result(assembly, first, np.array(found["xf"]).reshape(n_all, -1))
+        check_limits(run)
         self._last_sizes, moved = self._sizes(run), self._moved(first)
         along = (moved.x.T @ by_x + moved.p.T @ by_p) / weights
         return [(slope.value, along @ slope.by_integral + moved.p.T @ slope.by_p)
