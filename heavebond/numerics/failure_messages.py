@@ -202,14 +202,16 @@ def _at_limit(assembly: Assembly, start: dict[int, float], at: dict[int, float])
         lacks = ((path, leaves[path].component.name, " ".join(re.findall(
             r"\bNo [^.]*\.", leaves[path].component.restrictions))) for path in paths)
         told = next((f" {path} is a {kind}. {words}" for path, kind, words in lacks if words), "")
+        beyond = u.plausible.beyond
+        advice = f" Beyond it {beyond}." if beyond and limit == u.low else ""
         return (f"{u.name}{f' ({u.doc})' if u.doc else ''} comes to its limit {readable(limit, u.unit.text)} there, from "
-                f"{readable(begin, u.unit.text)} at the start.{told}")
+                f"{readable(begin, u.unit.text)} at the start.{told}{advice}")
     return ""
 
 
 def _out_of_range(assembly: Assembly, last: Point) -> str:
     """What to say where a variable is where its laws do not hold: oil below vacuum, or compressed as in no machine."""
-    found = next((f for f in at_point(assembly, last).findings if f.kind in ("range", "larger")), None)
+    found = next((f for f in at_point(assembly, last).findings if f.kind in ("physical", "range", "larger")), None)
     if found is None or found.limit is None:
         return ""
     value, limit = (readable(number, found.unit) for number in (found.value, found.limit))
