@@ -116,7 +116,7 @@ CASES = [
     Case("hydraulic_pump", "part.q", 1, D*W*0.95, 1e-9, ROUNDING),
     Case("hydraulic_pump", "part.s.tau", 1, D*DP/0.92, 1e-9, ROUNDING),
     Case("laminar_leakage", "vessel.p", 1, 200*BAR*np.exp(-2e-11*K_OIL/0.01), 1e-6, STEPS),
-    Case("line", "shut.p", 0.1, 10*BAR*np.cos(0.1*8*np.sin(PI/16)*np.sqrt(K_OIL/870)/20), 0.01,
+    Case("line", "shut.p", 0.1, 20*BAR + 10*BAR*np.cos(0.1*8*np.sin(PI/16)*np.sqrt(K_OIL/870)/20), 0.01,
          "the first swing of a chain of four lumps; its friction takes 1 %"),
     Case("line_inertance", "part.q", 0.2, BAR*0.2/1e8, 1e-6, STEPS),
     Case("line_resistance", "part.q", 1, (-1e9 + np.sqrt(1e18 + 4*4e12*10*BAR))/(2*4e12), 1e-9, ROUNDING),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -90,7 +91,6 @@ def command(folder: Path, text: str, *words: str, name: str = "run") -> tuple[in
     return said.exit_code, said.stderr, json.loads((folder / "told.json").read_text(encoding="utf-8"))
 
 
-
 def test_a_chamber_of_negative_volume_ends_the_run_of_the_compensator(tmp_path: Path) -> None:
     """The rod leaves the active cylinder of 1.26 m after 8.6 s in a wave of 4 m; the results before it are written."""
     saved, told = tmp_path / "run.csv", tmp_path / "told.json"
@@ -103,7 +103,6 @@ def test_a_chamber_of_negative_volume_ends_the_run_of_the_compensator(tmp_path: 
     found = json.loads(told.read_text(encoding="utf-8"))["validity"]
     assert (found["status"], found["exit"]) == ("failed", 1)
     assert (found["findings"][0]["part"], found["findings"][0]["name"]) == ("ahc.cylinder", "ahc.cylinder.V_B")
-
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -120,13 +119,11 @@ def test_a_run_ends_at_its_physical_limit_with_the_part_the_time_and_the_compone
     assert told["until"] <= time * (1 + 1e-3)
 
 
-
 def test_a_limit_between_distant_output_points_has_its_time(tmp_path: Path) -> None:
     """A tank that empties at 100 s, in a run with output points at 0 and 150 s only."""
     code, said, told = command(tmp_path, DRAINED, "--every", "150 s")
     assert code == 1, said
     assert told["validity"]["findings"][0]["time"] == pytest.approx(100.0, rel=1e-3)
-
 
 
 def test_python_has_the_results_up_to_the_limit_and_a_failed_verdict() -> None:
@@ -139,7 +136,6 @@ def test_python_has_the_results_up_to_the_limit_and_a_failed_verdict() -> None:
         result.verdict.raise_if_failed()
 
 
-
 def test_a_limit_ends_a_run_with_events() -> None:
     """A relay opens the outflow at 0.5 m, after 50 s; 2 L/s then empty the tank within 25 s."""
     text = DRAINED.replace("u: =-draw", 'u: "=if_else(valve.y > 0.5, -2*draw, -draw)"').replace(
@@ -147,7 +143,6 @@ def test_a_limit_ends_a_run_with_events() -> None:
     with pytest.warns(RunWarning, match=r"tank\.h falls below 0 m at 75"):
         result = hb.simulate(hb.loads(text))
     assert [round(time) for time, _ in result.events] == [0, 50]
-
 
 
 @pytest.mark.parametrize("kind", [Simulator, FitSimulator, QuickSimulator, CaseSimulator])
@@ -160,7 +155,6 @@ def test_a_trial_beyond_a_limit_fails_in_every_simulator_of_a_search(kind: type[
     assert simulator.run({"draw": 1e-4})["tank.h"][-1] == pytest.approx(0.85)
 
 
-
 @pytest.mark.parametrize("kind", [FitSimulator, QuickSimulator])
 def test_a_trial_of_which_only_outputs_are_kept_fails_too(kind: type[FitSimulator | QuickSimulator]) -> None:
     """The level is no output, only the flow is."""
@@ -170,7 +164,6 @@ def test_a_trial_of_which_only_outputs_are_kept_fails_too(kind: type[FitSimulato
         simulator.measured({"draw": 1e-3})
     values, _ = simulator.measured({"draw": 1e-4})
     assert values.shape == (1, 301)
-
 
 
 def test_a_fit_rejects_trials_beyond_a_limit_and_finds_the_values(tmp_path: Path) -> None:
@@ -191,14 +184,12 @@ free: {draw: 0 .. 20 L/s}
     assert found.parameters[0].value == pytest.approx(0.5e-3, rel=1e-2)
 
 
-
 def test_tuning_stays_inside_a_limit() -> None:
     """The lowest level at the end is asked for: without the limit it is -14 m, with it the tank is just empty. The cost at
     the end of the search is within 2 % of the range of the level, as steps into the forbidden side are halved."""
     task = TuningProblem(ranges({"draw": "0.1 .. 10 L/s"}), "final(tank.h)", begin=0.0, end=150.0)
     found = tune(hb.loads(DRAINED.replace("draw: 1 L/s", "draw: 0.2 L/s")), task)
     assert 0 <= found.cost < 0.15
-
 
 
 def test_a_study_marks_the_case_beyond_a_limit(tmp_path: Path) -> None:
@@ -210,12 +201,10 @@ def test_a_study_marks_the_case_beyond_a_limit(tmp_path: Path) -> None:
     assert "tank.h falls below 0 m at 100 s" in empty["problem"] and not empty["values"]
 
 
-
 def test_a_start_below_a_limit_is_an_error(tmp_path: Path) -> None:
     for name in ("run", "check", "energy"):
         code, said, _ = command(tmp_path, SUCKING.replace("10 bar", "-10 bar"), name=name)
         assert code == 1 and "oil.p" in said and "Cavitation" in said, name
-
 
 
 def test_a_component_declares_the_limit_of_its_variable(tmp_path: Path) -> None:
@@ -239,12 +228,47 @@ equations: |
     assert code == 1 and "[beyond-missing]" in said
 
 
-# Variables with the unit of a volume, a mass, a pressure or a temperature that may be negative, and why.
-SIGNED = {
-    "Pa": "a difference of pressures",
+# A variable with the unit of a volume, a mass or an absolute pressure or temperature, or a level, that has no limit of its own.
+DIFFERENCE = re.compile(
+    r"pressure (drop|rise|loss)|loss of unsteady|steady pressure|distance|temperature difference|above that of the fluid|"
+    r"pressure across|compression energy|above the final vacuum|has come in since|set pressure")
+WITHOUT_LIMIT = {
+    ("GasAccumulator", "V"): "V_0 - V_g with V_g below V_0 by its law",
+    ("SpringAccumulator", "V"): "between 0 and V_m by its law",
+    ("GasAccumulator", "V_v"): "positive by the function vapour_volume",
+    ("PistonAccumulator", "V_v"): "positive by the function vapour_volume",
+    ("SpringAccumulator", "V_v"): "positive by the function vapour_volume",
+    ("GasAccumulatorWithHeat", "p_c"): "a product of T, which has the limit",
+    ("CavitatingVolume", "p_g"): "an exponential",
+    ("CavitatingVolume", "V_g"): "a product of an exponential and x",
+    ("ForceCurveOfPressure", "x"): "the pressure of a port, which has the limit of its domain",
+    ("GasCompliance", "p"): "the pressure of a port, which has the limit of its domain",
+    ("Overflow", "p"): "the pressure of a port, which has the limit of its domain",
 }
 
 
-
 def test_the_library_declares_the_limits_of_volumes_masses_levels_and_absolute_pressures_and_temperatures() -> None:
-    assert library().component("Cylinder").variables["V_A"].physical == 0
+    known, found, excused = library(), 0, set()
+    for name in known.names():
+        for variable in known.component(name).variables.values():
+            if variable.unit.text not in ("m**3", "kg", "Pa", "K") and "level" not in variable.doc:
+                continue
+            if variable.physical is not None:
+                found += 1
+                assert variable.physical == (-101325 if name == "Tee" else 0), (name, variable.name)
+            elif (name, variable.name) in WITHOUT_LIMIT:
+                excused.add((name, variable.name))
+            else:
+                assert DIFFERENCE.search(variable.doc), f"{name}.{variable.name} ({variable.doc}) has no `physical:`"
+    assert excused == set(WITHOUT_LIMIT) and found >= 20
+    for domain in known.domains.values():
+        for member in domain.members.values():
+            assert member.unit.text not in ("Pa", "K") or member.physical is not None, (domain.name, member.name)
+    # the advice names a component of the library, or a parameter of its own
+    kinds = re.compile(r"\b[A-Z][a-z]+(?:[A-Z][a-z]+)*\b")
+    for name in known.names():
+        for variable in known.component(name).variables.values():
+            assert all(word in known.names() or word in ANY for word in kinds.findall(variable.beyond)), variable.beyond
+
+
+ANY = {"Add", "Draw", "Look", "Make", "Limit"}
