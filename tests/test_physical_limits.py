@@ -218,7 +218,8 @@ variables: {p: {unit: Pa, physical: -1 bar, beyond: the cell boils. Add a Vent, 
 equations: |
   der(p) = -r   # falls
 """
-    text = "model: m\ncomponents: {cell: {is: Cell, r: 1 bar/s}}\nnodes: {}\ninitial: {cell.p: 0 bar}\nsimulate: {until: 2 s}\n"
+    text = "model: m\ncomponents: {cell: {is: Cell, r: 1 bar/s}}\nnodes: {}\ninitial: {cell.p: 0 bar}\n" \
+        "simulate: {until: 2 s}\n"
     (tmp_path / "cell.yaml").write_text(law, encoding="utf-8")
     code, said, told = command(tmp_path, text)
     assert code == 1 and "cell.p falls below -1 bar at 1" in said and "the cell boils. Add a Vent." in said
@@ -228,7 +229,7 @@ equations: |
     assert code == 1 and "[beyond-missing]" in said
 
 
-# A variable with the unit of a volume, a mass or an absolute pressure or temperature, or a level, that has no limit of its own.
+# Variables with the unit of a volume, a mass, a pressure or a temperature, and levels, without a limit.
 DIFFERENCE = re.compile(
     r"pressure (drop|rise|loss)|loss of unsteady|steady pressure|distance|temperature difference|above that of the fluid|"
     r"pressure across|compression energy|above the final vacuum|has come in since|set pressure")

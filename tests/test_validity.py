@@ -392,7 +392,7 @@ def test_cases_of_a_sweep_that_leave_a_range_are_named_on_standard_error(tmp_pat
 
 
 def test_compare_and_tune_carry_the_verdict(tmp_path: Path) -> None:
-    """A tuned machine with a pressure larger than in any machine, and one laid beside a record, say so as a plain run does."""
+    """A pressure larger than in any machine is a warning of `tune` and `compare` as of a plain run."""
     (tmp_path / "sucking.yaml").write_text(PUMPED, encoding="utf-8")
     rows = "\n".join(f"{k / 10},{19990 + 25 * k}" for k in range(21))
     (tmp_path / "pressures.csv").write_text(f"time_s,p_bar\n{rows}\n", encoding="utf-8")

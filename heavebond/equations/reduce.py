@@ -200,13 +200,13 @@ class System:
         matching = maximum_matching([[c for c, _ in row] for row in entries], len(unknown))
         system = Simultaneous(self.flat, rows, tuple(unknown), self.residuals, symbols)
         if -1 in matching or len(rows) != len(unknown):
-            raise self._lost(system)
+            raise self._lost(system, [i for (i, _), column in zip(rows, matching, strict=True) if column < 0])
         solver = BlockSolver(self.flat, rows, unknown, self.residuals, symbols, entries, self.constants, self.numbers)
         blocks = block_lower_triangular([[c for c, _ in row] for row in entries], matching)
         solver.solve([(block, [matching[r] for r in block]) for block in blocks])
         reduced = self._reduced(states, system, solver)
         if ca.sprank(ca.sparsify(ca.jacobian(reduced.alg, reduced.z))) < reduced.z.numel():
-            raise self._lost(system)  # terms that cancel whatever the numbers: a circuit of differences without reference
+            raise self._lost(system, [row[0] for _, row in solver.remaining])  # terms that cancel whatever the numbers: a circuit of differences without reference
         return reduced
 
     def _reduced(self, states: list[Column], system: Simultaneous, solver: BlockSolver) -> Reduced:
@@ -229,8 +229,8 @@ class System:
             tuple(system.columns[c] for c in solver.defined), pivots, max(order, default=0) + (1 if algebraic else 0),
             tuple((i, k) for i, k in enumerate(order) if k), tuple(solver.loops), system, self)
 
-    def _lost(self, system: Simultaneous) -> ModelError:
-        """The error for equations that depend on each other at the first guess already."""
+    def _lost(self, system: Simultaneous, dependent: list[int]) -> ModelError:
+        """The error for equations that depend on each other at the first guess already; `dependent` are some of them."""
         guess = InitialGuess(self.flat)(self.p_values)
         point = dict(self._value_of)
         for j, (symbol, unknown) in enumerate(zip(self.flat.levels[0], self.flat.unknowns, strict=True)):
@@ -238,7 +238,8 @@ class System:
         point |= self._plain_numbers()
         problems = structural_messages.lost(self.flat, losses(system, point))
         return ModelError(problems) if problems else \
-            structural_messages.singular(self.flat, collapse_rows(self.flat), [-1] * len(self.flat.equations))
+            structural_messages.singular(self.flat, collapse_rows(self.flat), [-1] * len(self.flat.equations),
+                                         dependent)
 
     def _plain_numbers(self) -> dict[int, float]:
         """What an equation alone says, `u = 0` of a valve that the diagram shuts for good, by the hash of its symbol."""

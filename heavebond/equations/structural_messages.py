@@ -17,13 +17,13 @@ MOST_LINES = 8
 MOST_BLAMED = 4
 
 
-def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int]) -> ModelError:
+def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int], dependent: Sequence[int] = ()) -> ModelError:
     """The error for a system whose equations cannot be assigned one to each unknown.
 
     `rows[i]` lists the unknowns of equation i whatever their derivatives; a Dulmage-Mendelsohn decomposition finds
     the smallest parts with more equations than unknowns, and those with more unknowns than equations. The two belong
     together where they meet in a component: what fixes a velocity twice leaves two forces open, and what fixes a flow
-    twice leaves a pressure open.
+    twice leaves a pressure open. Where the decomposition finds no part, the error names the equations `dependent`.
     """
     try:
         parts = dulmage_mendelsohn(rows, len(flat.unknowns), matching)
@@ -47,9 +47,17 @@ def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int])
     for block in parts.underdetermined:
         if block not in told and block.core_columns and (block.core_rows or not parts.overdetermined):
             problems.append(_undecided(flat, [flat.unknowns[j] for j in block.core_columns], None))
-    return ModelError(problems or [Problem(
-        "singular", "some of these equations say the same in another form, so that no equation determines some unknowns",
-        None, "Look for two parts that hold the same position, or for a circuit without a Tank or a Volume.")])
+    return ModelError(problems or [_dependent(flat, dependent or range(len(flat.equations)))])
+
+
+def _dependent(flat: Flat, numbers: Sequence[int]) -> Problem:
+    """The problem of equations that depend on each other whatever their numbers are."""
+    equations = [flat.equations[i] for i in dict.fromkeys(numbers)]
+    laws = [e for e in equations if not bookkeeping(e)] or equations
+    parts = listing(dict.fromkeys(e.owner for e in laws), MOST_BLAMED)
+    return Problem("singular", f"equations of {parts} say the same in another form, so that no equation determines some "
+                   "unknowns", laws[0].place if laws else None, "Look for two parts that hold the same position, or for a "
+                   "circuit without a Tank or a Volume.", tuple(_table(laws)))
 
 
 class _Part:

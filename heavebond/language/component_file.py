@@ -209,7 +209,8 @@ class _Parser:
         reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count", "nominal", "physical", "beyond"),
                            f"variable '{key.text}'", self.problems, ("unit",))
         unit = reading.unit(node.items.get("unit"), self.problems)
-        bounds = {name: self._bound(node, name, unit, key) for name in ("min", "max", "start", "held", "nominal", "physical")}
+        bounds = {name: self._bound(node, name, unit, key)
+                  for name in ("min", "max", "start", "held", "nominal", "physical")}
         beyond = reading.text(node.items.get("beyond"), "beyond", self.problems)
         if bounds["physical"] is not None and not beyond:
             self.problems.add("beyond-missing", f"'{key.text}' has a physical limit, but no text for a run that passes it",
