@@ -13,6 +13,9 @@ from click.testing import CliRunner
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import RunWarning, SimulationError
+from heavebond.equations.flatten import flatten
+from heavebond.equations.reduce import collapse_rows
+from heavebond.equations.structural_messages import singular
 from heavebond.language.library import library
 from heavebond.numerics.quick_simulation import CaseSimulator, FitSimulator, QuickSimulator
 from heavebond.numerics.result import Probe
@@ -273,3 +276,17 @@ def test_the_library_declares_the_limits_of_volumes_masses_levels_and_absolute_p
 
 
 ANY = {"Add", "Draw", "Look", "Make", "Limit"}
+
+
+def test_equations_that_depend_on_each_other_are_named_with_parts_and_lines() -> None:
+    """A decomposition finds no part of a sound diagram; the error then names the equations that it is called with."""
+    flat = flatten(hb.loads("""
+model: m
+components: {wall: {is: Fixed}, spring: {is: Spring, c: 1 kN/m}, load: {is: Mass, m: 1 kg}}
+nodes: {wall: [wall.a, spring.a], load: [spring.b, load.a]}
+initial: {load.x: 0 m, load.v: 0 m/s}
+"""), [])
+    laws = [k for k, e in enumerate(flat.equations) if e.owner == "spring"]
+    said = str(singular(flat, collapse_rows(flat), [-1] * len(flat.equations), laws))
+    assert "equations of spring say the same" in said and "[singular]" in said
+    assert "Hooke's law" in said and "spring.yaml:15" in said

@@ -17,7 +17,8 @@ MOST_LINES = 8
 MOST_BLAMED = 4
 
 
-def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int], dependent: Sequence[int] = ()) -> ModelError:
+def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int], dependent: Sequence[int] = ()
+             ) -> ModelError:
     """The error for a system whose equations cannot be assigned one to each unknown.
 
     `rows[i]` lists the unknowns of equation i whatever their derivatives; a Dulmage-Mendelsohn decomposition finds
