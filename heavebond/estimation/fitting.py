@@ -206,7 +206,8 @@ def fit(experiment: ExperimentOrFile, *, starts: int = 1, segments: int = 1, see
                                        f"`heavebond compare {experiment.path.name}` tells where it stops. What "
                                        "adds up its input (a cylinder without a spring behind a valve) runs away from a "
                                        "record of that input: measure the reference and put the controller into the "
-                                       "diagram, or the end stops. Else narrow the ranges under `free:`, or correct it.")])
+                                       "diagram, or the end stops. Else narrow the ranges under `free:`, or correct it.",
+                                       _limit_passed(problem))])
     say("comparing")
     with finishing(say):
         found = _finished(problem, replace(best, message=runs[-1].message), costs, before)
@@ -217,6 +218,12 @@ def fit(experiment: ExperimentOrFile, *, starts: int = 1, segments: int = 1, see
 
 def _free(name: str, given: Free | str) -> Free:
     return given if isinstance(given, Free) else Free(name, si_range(given, name), Place("free", 1, 1, f"{name}: {given}"))
+
+
+def _limit_passed(problem: Residuals) -> tuple[str, ...]:
+    """The physical limit that a trial passed, with its advice."""
+    limit = problem.limit_passed
+    return () if limit is None else (f"in a trial {limit.message}: {limit.hint}",)
 
 
 def _filled_by_compare(problem: Residuals) -> str:

@@ -341,11 +341,15 @@ class Residuals:
             self._known[key] = found
         return found
 
+    limit_passed: Problem | None = None  # that of the last run that ended at a physical limit
+
     def _one(self, run: Run, inner: Array, most: float) -> tuple[Array, Array]:
         """A record's residuals; a run that breaks down is a large residual, not an end."""
         try:
             wrong, moved = run.residuals(self.values_of(inner, run.record.name), most)
-        except (ModelError, SimulationError, StartError):
+        except (ModelError, SimulationError, StartError) as error:
+            if error.problems[0].code == "run-physical":
+                self.limit_passed = error.problems[0]
             return _broken(run)
         return (wrong, moved) if np.all(np.isfinite(wrong)) and np.all(np.isfinite(moved)) else _broken(run)
 
