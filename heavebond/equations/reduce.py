@@ -206,7 +206,8 @@ class System:
         solver.solve([(block, [matching[r] for r in block]) for block in blocks])
         reduced = self._reduced(states, system, solver)
         if ca.sprank(ca.sparsify(ca.jacobian(reduced.alg, reduced.z))) < reduced.z.numel():
-            raise self._lost(system, [row[0] for _, row in solver.remaining])  # terms that cancel whatever the numbers: a circuit of differences without reference
+            # terms that cancel whatever the numbers: a circuit of differences without reference
+            raise self._lost(system, [row[0] for _, row in solver.remaining])
         return reduced
 
     def _reduced(self, states: list[Column], system: Simultaneous, solver: BlockSolver) -> Reduced:
