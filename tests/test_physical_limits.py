@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,7 +88,7 @@ CASES = {
 }
 
 
-def command(folder: Path, text: str, *words: str, name: str = "run") -> tuple[int, str, dict]:
+def command(folder: Path, text: str, *words: str, name: str = "run") -> tuple[int, str, dict[str, Any]]:
     """Exit code, standard error and JSON file of a command on a diagram."""
     (folder / "machine.yaml").write_text(text, encoding="utf-8")
     said = CliRunner().invoke(main, [name, str(folder / "machine.yaml"), *words, "--json", str(folder / "told.json")])

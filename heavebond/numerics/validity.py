@@ -379,7 +379,8 @@ def _wrong(u: Unknown, values: Array, time: Array, duration: float) -> Iterator[
         yield _passed("physical", u, values, time, below, u.plausible.least, u.plausible.beyond)
     owner, _, name = u.name.rpartition(".")
     advice = f"beyond what {owner} allows for its {name}. Look at its start, and at what drives it"
-    for limit, side in ((u.low, -1), (u.high, 1)) if u.role == "own" else ():
+    ends = [(u.low, -1), (u.high, 1)] if u.role == "own" else []
+    for limit, side in ends:
         over = side * (values - limit) > _grace(u, limit)
         if math.isfinite(limit) and over.any():
             yield _passed("range", u, values, time, over, limit, advice)
