@@ -42,14 +42,14 @@ class Limited:
 
     def values(self, result: Result) -> Array:
         """Their values along a run (k, N)."""
-        found = np.empty((len(self.unknowns), len(result.time)))
-        others = [k for k in range(len(self.unknowns)) if k not in self.states]
-        found[list(self.states)] = result.x[list(self.states.values())]
-        if others:
-            found[others] = self.probe.values(result)
+        values = np.empty((len(self.unknowns), len(result.time)))
+        algebraic = [k for k in range(len(self.unknowns)) if k not in self.states]
+        values[list(self.states)] = result.x[list(self.states.values())]
+        if algebraic:
+            values[algebraic] = self.probe.values(result)
         for at, stay in result.stays:
-            found[:, at] = limited(stay.assembly).values(stay)
-        return found
+            values[:, at] = limited(stay.assembly).values(stay)
+        return values
 
 
 def limited(assembly: Assembly) -> Limited:
@@ -81,9 +81,9 @@ def check_limits(result: Result) -> None:
     times = {int(k): _crossing(result.time, above[k], n) for k in np.flatnonzero(below[:, n])}
     k = min(times, key=lambda k: times[k])
     u = of.unknowns[k]
-    found = Finding("physical", u.name, u.name.rpartition(".")[0], times[k], float(values[k, n]), float(of.limits[k]),
-                    u.unit.text, u.plausible.beyond)
-    raise LimitPassed([Verdict((found,)).problem], result=replace(result.first(max(n, 1)), ended=found))
+    violation = Finding("physical", u.name, u.name.rpartition(".")[0], times[k], float(values[k, n]), float(of.limits[k]),
+                        u.unit.text, u.plausible.beyond)
+    raise LimitPassed([Verdict((violation,)).problem], result=replace(result.first(max(n, 1)), ended=violation))
 
 
 def _crossing(time: Array, above: Array, n: int) -> float:
@@ -94,7 +94,11 @@ def _crossing(time: Array, above: Array, n: int) -> float:
 
 
 def resolved(error: LimitPassed, whole: Array, run: Callable[[Array], Result]) -> Result:
-    """The run up to its physical limit. Where it has few output times, `run` at more times gives that of the violation."""
+    """The run up to its physical limit, with the time of the violation.
+
+    `whole` are the output times of the run (N,). If the violation lies in an interval longer than `CLOSE` of the run, `run`
+    repeats it with more output times there.
+    """
     result = error.result
     assert result is not None and result.ended is not None
     n = int(np.searchsorted(whole, result.time[-1], side="right"))
