@@ -89,11 +89,12 @@ typedef struct {
   const Sundials *sundials;
   Tape right, full, signals; /* f; f and g with their Jacobian; s with its Jacobian */
   Pattern slopes, signal_slopes;
-  long n, n_z, m, total, n_moving, n_p, n_u, n_signals, n_pieces, restart; /* restart: integration stops at each break */
+  long n, n_z, m, total, n_moving, n_p, n_u, n_signals, n_pieces, restart, n_kinks; /* restart: integration stops at each break */
   const double *breaks, *pieces; /* (n_pieces + 1,), (n_u, n_pieces) by columns */
   const double *at_stops;        /* (n_u, N) by columns: what drives the model at each stop */
+  const double *kinks;           /* (n_kinks,): stops at which the integration begins anew */
   const double *directions;      /* (n_moving, m) by columns */
-  long piece;
+  long piece, kink, noted[3];    /* kink: the next one; noted: counts of CVODES at the last look */
   double *z, *along;             /* (n_z,), (n_z, m) by columns */
   double *jacobian, *lu, *inverse;
   int *pivots;
@@ -115,7 +116,7 @@ enum { BDF = 2, NEWTON = 2, NORMAL = 1, LEFT = 1, BASES = 5, HIGHEST_ORDER = 5, 
 
 /* Newton's method for z ends with a step of less than this share of 1 + |z| (in scaled unknowns); z is not determined where
    a pivot of g_z is less than this share of its largest entry. */
-static const double SETTLED = 1e-10, SINGULAR = 1e-13;
+static const double SETTLED = 1e-10, SINGULAR = 1e-13, NEVER = 1e300;
 
 /* Each operation jumps to the next by itself, which a processor predicts better than one switch for all; LABELS and
    OPERATIONS are made of one table in Python, whose last operation ends the list. */
@@ -523,7 +524,8 @@ int begin(Problem *problem, double t, const double *x, const double *z, const do
   put(problem, &problem->right, p);
   put(problem, &problem->full, p);
   put(problem, &problem->signals, p);
-  problem->piece = 0;
+  problem->piece = problem->kink = 0;
+  memset(problem->noted, 0, sizeof problem->noted);
   problem->step = 0.0;
   bad = note(problem, 0, t, x_out, z_out, signals);
   return bad ? bad : problem->sundials->reinit(problem->memory, t, problem->x);
@@ -534,14 +536,16 @@ int begin(Problem *problem, double t, const double *x, const double *z, const do
 int advance(Problem *problem, long number, const double *stops, long first, double *x_out, double *z_out, double *signals,
             double *reached, long *counts) {
   const Sundials *s = problem->sundials;
-  long k, more;
+  long k, at_kink;
   int answer = 0;
   integrating = problem;
   for (k = 0; k < number; ++k) {
+    for (at_kink = 0; problem->kink < problem->n_kinks && problem->kinks[problem->kink] <= stops[k]; ++problem->kink) at_kink = 1;
     if (problem->one_step) {
       if (problem->restart) problem->piece = first + k;
       if (!(problem->step > 0)) problem->step = stops[k + 1] - stops[k];
-      answer = explicit_steps(problem, stops[k], stops[k + 1], !problem->restart && (first || k), reached, counts);
+      answer = explicit_steps(problem, stops[k], stops[k + 1], !problem->restart && !at_kink && (first || k), reached,
+                              counts);
       if (answer || (answer = note(problem, first + k + 1, stops[k + 1], x_out, z_out, signals))) return answer;
       continue;
     }
@@ -549,12 +553,18 @@ int advance(Problem *problem, long number, const double *stops, long first, doub
       problem->piece = first + k;
       if ((answer = s->reinit(problem->memory, stops[k], problem->x))) return answer;
       if ((answer = s->stop_time(problem->memory, stops[k + 1]))) return answer;
+    } else if (problem->n_kinks) {
+      if (at_kink && (answer = s->reinit(problem->memory, stops[k], problem->x))) return answer;
+      if ((answer = s->stop_time(problem->memory, problem->kink < problem->n_kinks ? problem->kinks[problem->kink] : NEVER)))
+        return answer;
     }
     answer = s->step(problem->memory, stops[k + 1], problem->x, reached, NORMAL);
-    if (problem->restart || k + 1 == number || answer < 0) { /* counts begin anew with each start */
-      s->steps(problem->memory, &more), counts[0] = problem->restart ? counts[0] + more : more;
-      s->evaluations(problem->memory, &more), counts[1] = problem->restart ? counts[1] + more : more;
-      s->error_failures(problem->memory, &more), counts[2] = problem->restart ? counts[2] + more : more;
+    if (problem->restart || k + 1 == number || answer < 0 || problem->n_kinks) {
+      /* counts begin anew with each start */
+      long *noted = problem->noted, anew = problem->restart || at_kink, now[3], i;
+      s->steps(problem->memory, &now[0]), s->evaluations(problem->memory, &now[1]);
+      s->error_failures(problem->memory, &now[2]);
+      for (i = 0; i < 3; ++i) counts[i] += now[i] - (anew ? 0 : noted[i]), noted[i] = now[i];
     }
     if (answer < 0) return answer;
     if ((answer = note(problem, first + k + 1, stops[k + 1], x_out, z_out, signals))) return answer;

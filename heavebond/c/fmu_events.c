@@ -199,8 +199,11 @@ static const char *due(Values *now, bool *any, bool *by_condition) {
   if ((wrong = schedule(now)) != NULL || (wrong = look(now, indicators, rates)) != NULL) return wrong;
   for (c = 0; c < model_n_c; ++c) {
     bool truth = indicators[c] > 0 || (rates[c] > 0 && indicators[c] + rates[c] * same > 0);
-    if (!events->known) events->truth[c] = indicators[c] > 0 && !model_breaks[model_condition[c]]; /* what is true at the start is no change */
-    else if (truth && !events->truth[c]) events->met[model_condition[c]] = true;
+    if (!events->known) {
+      /* what is true at the start is no change, except a condition of the time alone; a contact breaks away from its start */
+      events->truth[c] = indicators[c] > 0 && !model_breaks[model_condition[c]];
+      if (events->truth[c] && model_clock[model_condition[c]]) events->met[model_condition[c]] = true;
+    } else if (truth && !events->truth[c]) events->met[model_condition[c]] = true;
     else if (!truth) events->truth[c] = false;
   }
   events->known = true;

@@ -244,6 +244,6 @@ def _start(assembly: Assembly) -> tuple[Start, Point]:
         return begun, start_point(begun, np.zeros(0))
     # a record must cover the whole run, which is said here and not first by `run`
     times = grid(assembly.model, None, None)
-    u = pieced(assembly.flat, 0.0, float(times[-1])).at(np.zeros(1))[:, 0]
-    begun = start(assembly, 0.0, u)
+    u = pieced(assembly.flat, float(times[0]), float(times[-1])).at(times[:1])[:, 0]
+    begun = start(assembly, None, u)
     return begun, start_point(begun, u)

@@ -93,8 +93,8 @@ def _modes(assembly: Assembly, point: Point, slowest: int | None, at: str
             return linear.modes(), None, [f"{UNDECIDED} {at}: {'; '.join(judged.reasons)}"], linear.held
         told = [] if judged.growing or judged.stable else [f"{judged.verdict} {at}: {'; '.join(judged.reasons)}"]
         return linear.modes(), judged.verdict, _growth(len(judged.growing), at) + told, linear.held
-    span = float(grid(model, None, None)[-1]) if model.until is not None else 1.0
-    found = slow_modes(linearisation, point, span, slowest or SLOW_MODES.count)
+    times = grid(model, None, None) if model.until is not None else [0.0, 1.0]
+    found = slow_modes(linearisation, point, float(times[-1] - times[0]), slowest or SLOW_MODES.count)
     held = linearisation.held(point)
     if reasons := undecided_reasons(held):
         return found.modes, None, [f"{UNDECIDED} {at}: {'; '.join(reasons)}", *_not_computed(found)], held

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 @click.command(short_help="Simulate a diagram; plot and save the results.")
 @click.argument("model")
 @set_option
+@click.option("--from", "begin", metavar="TIME", help="Start time of the simulation, e.g. --from '-10 s'; 0 s without it.")
 @click.option("--until", metavar="TIME", help="End time of the simulation, e.g. --until '2 min'.")
 @click.option("--every", metavar="TIME", help="Time between output points, e.g. --every '10 ms'.")
 @click.option("--plot", "plotted", metavar="SIGNAL", multiple=True,
@@ -50,9 +51,9 @@ if TYPE_CHECKING:
 @click.option("--within", metavar="SHARE", type=Number(0, 1, min_open=True), default=0.01, show_default=True,
               help="With --verify: allowed change of an output, as a share of its range.")
 @json_option
-def run(model: str, settings: tuple[str, ...], until: str | None, every: str | None, plotted: tuple[str, ...],
-        saved: tuple[Path, ...], output: Path | None, rtol: float, solver: str | None, allow_fmu: bool,
-        verified: bool, within: float) -> dict[str, object]:
+def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | None, every: str | None,
+        plotted: tuple[str, ...], saved: tuple[Path, ...], output: Path | None, rtol: float, solver: str | None,
+        allow_fmu: bool, verified: bool, within: float) -> dict[str, object]:
     """Simulate the diagram MODEL and show minimum, maximum, RMS and final value of each output.
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive).
@@ -79,7 +80,7 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
         with terminal.working("assembling"):
             assembly = assembled(loaded, "--plot", formulas)
         with terminal.working("integrating"):
-            result = simulate(assembly, until, every=every, rtol=rtol, solver=solver, allow_fmu=allow_fmu)
+            result = simulate(assembly, until, every=every, begin=begin, rtol=rtol, solver=solver, allow_fmu=allow_fmu)
     listed = list(assembly.model.show) or assembly.state_names or [u.name for u in assembly.flat.unknowns]
     names = list(dict.fromkeys([*listed, *plotted]))
     figures = _figures(result, names)
@@ -87,7 +88,8 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
         report_verdict(f"{assembly.model.name}, outputs", without_value(result.signals(names), result.time))
     console = terminal.output()
     console.print(terminal.table(
-        f"{assembly.model.name}, 0 to {result.time[-1]:g} s", ("output", "unit", "min", "max", "rms", "final"),
+        f"{assembly.model.name}, {result.time[0]:.10g} to {result.time[-1]:{'.10g' if result.time[0] else 'g'}} s",
+        ("output", "unit", "min", "max", "rms", "final"),
         [(name, str(figures[name]["unit"]), *(_shown(figures[name][k]) for k in ("min", "max", "rms", "final")))
          for name in names], text=2))
     files = _files(result, plotted or listed, output, saved)

@@ -192,11 +192,13 @@ def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Flat
 
 def unclocked(flat: Flat) -> Flat:
     """The same with comparisons of the time in its equations as they are written, for programs that know no events."""
-    own = [event for event in flat.events if event.by_clock]
+    # of two that set one variable, that which sets it to 1
+    own = {e.resets[0].name: e for e in reversed(flat.events) if e.by_clock}
     if not own:
         return flat
-    symbols, passed = stack(flat.constants[e.name] for e in own), stack(e.first <= flat.time for e in own)
-    gone, last = {name for e in own for name in (e.name, f"initial.{e.name}")}, -len(own)  # they were put in as the last
+    symbols = stack(flat.constants[name] for name in own)
+    passed = stack(e.first <= flat.time if e.indicator is None else e.indicator > 0 for e in own.values())
+    gone, last = {name for clock in own for name in (clock, f"initial.{clock}")}, -len(own)  # they were put in as the last
     return replace(flat, parameters=flat.parameters[:last], p=flat.p[:last], held=flat.held[:last],
                    residual_column=ca.substitute(flat.residual_column, symbols, passed),
                    events=tuple(event for event in flat.events if not event.by_clock),
@@ -251,7 +253,7 @@ class _Builder:
                   if (u.low, u.high) != EVERYTHING}
         bounds.update(parameter_bounds(self.expanded, self.parameters))
         bounds.update(held_bounds(self.expanded, self.constants))
-        bounds.update({self.constants[e.name].element_hash(): (0.0, 1.0) for e in self.events if e.by_clock})
+        bounds.update({self.constants[e.resets[0].name].element_hash(): (0.0, 1.0) for e in self.events if e.by_clock})
         flat = Flat(self.expanded, tuple(self.unknowns), self.columns,
                     self.parameters.independent, self.parameters.p, self.time, self.rate, tuple(self.inputs),
                     tuple(self.equations), self.residuals, tuple(self.entries), self.names, self.constants,

@@ -2,7 +2,11 @@
 
 A condition g(t, p) > 0 whose g = c(p) + s(p) t is a straight line in time changes once, at T = -c/s. In an equation it is
 replaced by a held variable that is 0 before T and 1 after it, so that no step of the integrator reaches across T, and what
-T does to the motion is known (see `numerics.jumps`). At T itself what comes after it holds, be it `<` or `<=`.
+T does to the motion is known (see `numerics.jumps`). At T itself what comes after it holds, be it `<` or `<=`. A condition
+of
+another function of time, and a sign, is held from one change of its sign to the next. What holds at the start of a run
+follows
+from its time (see `numerics.time_events.clocks_at`).
 """
 
 from __future__ import annotations
@@ -27,10 +31,13 @@ TWO = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_POW, ca.OP_CONSTPOW, ca
 
 @dataclass(frozen=True)
 class TimeSwitch:
-    """An instant at which a condition of the time changes; `symbol` stands for a held variable that is 1 from then on."""
+    """A condition of the time; `symbol` stands for a held variable that is 1 from an `instant` on, or else while the
+    function
+    of time `above` is above zero."""
 
     symbol: ca.SX
-    instant: ca.SX
+    instant: ca.SX | None
+    above: ca.SX
 
 
 def clocked(residual: ca.SX, time: ca.SX, constants: set[int]) -> tuple[ca.SX, list[TimeSwitch], bool]:
@@ -100,8 +107,12 @@ def timed(residuals: ca.SX, told: Iterable[tuple[str, str, Place]], time: ca.SX,
             name, index = f"{owner}.clock_{numbers[owner]}", begin + len(own)
             own.append(Held(name, index, DIMENSIONLESS, place, "1 once the time has passed an instant"))
             symbols.append(passing.symbol)
-            reset = FlatReset(name, None, index, ca.SX(1), place)
-            events.append(FlatEvent(name, text, place, None, passing.instant, None, (reset,), by_clock=True))
+            rises, falls = (FlatReset(name, None, index, ca.SX(value), place) for value in (1, 0))
+            if passing.instant is not None:
+                events.append(FlatEvent(name, text, place, None, passing.instant, None, (rises,), by_clock=True))
+            else:
+                events += [FlatEvent(name + end, text, place, above, ca.SX(0), None, (reset,), by_clock=True)
+                           for end, above, reset in (("", passing.above, rises), ("_end", -passing.above, falls))]
     if not own:
         return TimeConditions(residuals, frozenset(), parameters, held, ())
     joined = parameters.joined(FlatParameter(f"initial.{h.name}", 0.0, h.unit, h.place) for h in own)
@@ -137,6 +148,8 @@ class _Walk:
     def _operated(self, op: int, a: ca.SX, b: ca.SX | None = None) -> ca.SX:
         if b is not None and op in (ca.OP_LT, ca.OP_LE) and (found := self._held(b - a)) is not None:
             return found
+        if op == ca.OP_SIGN and (found := self._held(a)) is not None:
+            return 2 * found - 1
         # what `if_else` puts out is smooth where its condition does not change
         deciding = a if op == ca.OP_IF_ELSE_ZERO or b is None else ca.vertcat(a, b)
         if op in CORNERS and not {s.element_hash() for s in ca.symvar(deciding)} <= self.constants:
@@ -145,16 +158,21 @@ class _Walk:
 
     def _held(self, above: ca.SX) -> ca.SX | None:
         """The condition `above` > 0 in terms of held variables; None where more than the time and constants is in it, or
-        the time in another way than in a straight line."""
+        held variables in another way than in a straight line."""
         slope = ca.jacobian(above, self.time)
         names = {s.element_hash() for s in ca.symvar(above)} - {self.time.element_hash()}
-        if slope.nnz() == 0 or not names <= self.constants or ca.depends_on(slope, self.time):
+        if not ca.depends_on(above, self.time) or not names <= self.constants:
             return None
+        symbol = ca.SX.sym("passed")
+        if ca.depends_on(slope, self.time) or slope.nnz() == 0:
+            if names & {s.symbol.element_hash() for s in self.found}:
+                return None
+            self.constants.add(symbol.element_hash())
+            self.found.append(TimeSwitch(symbol, None, above))
+            return symbol
         first = ca.substitute(above, self.time, ca.SX(0))
         instant = ca.if_else(slope == 0, NEVER, -first / slope)
-        symbol = ca.SX.sym("passed")
         self.constants.add(symbol.element_hash())
-        self.found.append(TimeSwitch(symbol, instant))
-        after = ca.if_else(instant <= 0, 1, symbol)  # a start is found with what holds at 0 s
-        return ca.if_else(slope > 0, after, ca.if_else(slope < 0, ca.logic_not(after), first > 0))
+        self.found.append(TimeSwitch(symbol, instant, above))
+        return ca.if_else(slope > 0, symbol, ca.if_else(slope < 0, ca.logic_not(symbol), first > 0))
 

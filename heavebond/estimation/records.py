@@ -213,11 +213,12 @@ def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> tuple[
 
 def _time_slip(experiment: Experiment, record: Record, found: Mapping[str, Samples]) -> list[str]:
     """Whether the times seem to be in another unit, by the run and the output points that the diagram plans."""
-    until, every = (constant(value.expr) if value is not None else None for value in (
-        experiment.model.until, experiment.model.every))
+    begin, until, every = (constant(value.expr) if value is not None else None for value in (
+        experiment.model.begin, experiment.model.until, experiment.model.every))
     if not until or not every:
         return []
     densest = max((c.time for c in found.values()), key=len)
+    until -= begin or 0.0
     better = time_seems_in(densest, until, every, experiment.time_unit)
     if not better:
         return []

@@ -45,10 +45,30 @@ def c_text(made: Portable, prefix: str, *, whole: bool = False) -> str:
     if whole:
         for function in (made.directions, made.jacobian, made.happenings, made.instants, made.starting.conditions):
             generator.add(function)
+    stops = 0
+    if not whole and made.stops is not None and made.stops.size1_out(0):
+        stops = made.stops.size1_out(0)
+        generator.add(made.stops)
     evaluate = (SOURCES / "evaluate.c").read_text(encoding="utf-8")
-    return "\n".join([_head(made, prefix), _used(generator.dump()), *_arrays(made, prefix),
+    return "\n".join([_head(made, prefix, stops), _used(generator.dump()), *_arrays(made, prefix),
                       *([*_event_arrays(made, prefix), *_start_arrays(made, prefix)] if whole else []),
-                      evaluate.replace("MODEL", prefix)])
+                      evaluate.replace("MODEL", prefix),
+                      *([NEXT_STOP.replace("MODEL", prefix).replace("NUMBER", str(stops))] if stops else [])])
+
+
+NEXT_STOP = """
+/* The next instant after t at which an integrator stops and begins anew: a kink or a short motion of a function of time. */
+double MODEL_next_stop(double t, const double *p) {
+  double stops[NUMBER], next = INFINITY;
+  const double *arg[] = {p};
+  double *res[] = {stops};
+  int k;
+  if (MODEL_stops(arg, res, 0, 0, 0)) return INFINITY;
+  for (k = 0; k < NUMBER; ++k)
+    if (stops[k] > t && stops[k] < next) next = stops[k];
+  return next;
+}
+"""
 
 
 UNUSED = ("arg", "res", "iw", "w", "mem")  # arguments that CasADi gives to every function
@@ -63,7 +83,7 @@ def _used(code: str) -> str:
     return re.sub(r"^((?:static|CASADI_SYMBOL_EXPORT) [^\n;{}()]*\(([^\n()]+)\) ?\{)$", add, code, flags=re.MULTILINE)
 
 
-def _head(made: Portable, prefix: str) -> str:
+def _head(made: Portable, prefix: str, stops: int) -> str:
     """The comment that says what stands where."""
     parts = [
         f"{made.name}: equations in C, written by heavebond {VERSION}", "",
@@ -72,6 +92,10 @@ def _head(made: Portable, prefix: str) -> str:
         "gives the derivatives dx = dx/dt of the states x and the outputs y at the time t; either may be a null pointer.",
         "z holds the algebraic unknowns: a first guess on entry, the solution on return (it is not looked at where there",
         "are none). It returns 0, or another number where z is not found. It keeps nothing between calls.", "",
+        *([f"double {prefix}_next_stop(double t, const double *p)", "",
+           "gives the next instant after t at which a function of time has a kink or a short motion, or INFINITY.",
+           "An integrator ends a step there and begins anew, as it may pass over the motion otherwise.", ""]
+          if stops else []),
         f"All is in SI but y. {prefix}_x_start, {prefix}_z_start, {prefix}_p_start and {prefix}_u_start hold the values",
         f"at the start, {prefix}_n_x, {prefix}_n_z, {prefix}_n_p, {prefix}_n_u and {prefix}_n_y the numbers of each."]
     for letter, title, quantities in (
@@ -110,6 +134,7 @@ def _event_arrays(made: Portable, prefix: str) -> list[str]:
         "condition": conditions,
         "repeated": [0 if event.period is None else 1 for event in made.events],
         "timed": [0 if k in conditions else 1 for k in range(len(made.events))],
+        "clock": [int(event.by_clock) for event in made.events],
         "rows": np.cumsum([0, *(len(event.resets) for event in made.events)]).tolist(),
         "set_state": [-1 if r.unknown is None else states[(r.unknown, 0)] for r in resets],
         "set_held": [-1 if r.held is None else r.held for r in resets],

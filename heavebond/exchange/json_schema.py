@@ -83,9 +83,9 @@ def diagram() -> Schema:
         "nominal": _each(QUANTITY, "the size that a variable commonly has, for error control: `coil.i: 1 nA`"),
         "show": _each(_object({"is": _said("a formula; without it the name itself", FORMULA), "unit": UNIT}, ["unit"]),
                       "named outputs"),
-        "simulate": _object({"until": TIME, "every": TIME, "solver": _said("what integrates a run; idas without it",
-                                                                           {"enum": list(SOLVERS)})},
-                            description="how long, the time between output points, and by what"),
+        "simulate": _object({"from": TIME, "until": TIME, "every": TIME,
+                             "solver": _said("what integrates a run; idas without it", {"enum": list(SOLVERS)})},
+                            description="when it begins and ends, the time between output points, and by what"),
         "view": _each({"anyOf": [view_shape(kind) for kind in SHAPES]}, "shapes that `heavebond animate` moves"),
         "source": _said("where it is from"), "notes": _said("text for readers", {})}, ["model"])
 

@@ -86,8 +86,9 @@ def _experiment(root: Xml.Element, made: Portable) -> None:
     model = made.assembly.model
     if model.until is not None:
         times = grid(model, None, None)
-        Xml.SubElement(root, "DefaultExperiment", {"startTime": "0", "stopTime": repr(float(times[-1])), "tolerance": "1e-9",
-                                                   "stepSize": repr(float(times[1]))})
+        Xml.SubElement(root, "DefaultExperiment", {"startTime": repr(float(times[0])) if times[0] else "0",
+                                                   "stopTime": repr(float(times[-1])), "tolerance": "1e-9",
+                                                   "stepSize": repr(float(times[1] - times[0]))})
 
 
 def _conditions(made: Portable) -> list[FlatEvent]:

@@ -20,6 +20,7 @@ from heavebond.core.units import Unit, declared_unit, dimension_text, read_unit,
 from heavebond.equations.events import FlatEvent, Held
 from heavebond.equations.flatten import unclocked
 from heavebond.equations.reduce import reduce
+from heavebond.exchange.stop_events import stop_events
 from heavebond.language.definition import FileInput
 from heavebond.language.model import Model
 from heavebond.language.sections import Setting
@@ -81,7 +82,8 @@ class Portable:
 
     Of the events, `happenings` is (t, x, z, p, u) -> (indicators of the conditions, new values of all resets, what the
     equations differentiate and events may not make jump, with `sizes`, accelerations of the contacts that may break
-    away), and `instants` p -> (first instants, periods)."""
+    away), and `instants` p -> (first instants, periods). `stops` is p -> the instants at which an integrator stops for
+    functions of time."""
 
     assembly: Assembly
     states: tuple[Quantity, ...]
@@ -97,6 +99,7 @@ class Portable:
     instants: ca.Function
     sizes: tuple[float, ...]
     starting: StartConditions
+    stops: ca.Function | None = None
 
     @property
     def events(self) -> tuple[FlatEvent, ...]:
@@ -141,7 +144,13 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
                                   "does not look for", next(e.place for e in assembly.flat.events if e.impulse),
                                   "Leave out friction that sticks (DryFriction) and further stops, or take elastic ones "
                                   "(EndStop).")])
-    return _portable(assembly.with_sizes(sizes) if sizes else assembly, column, prefix)
+    assembly = assembly.with_sizes(sizes) if sizes else assembly
+    stops = stop_events(assembly)
+    if events and stops:
+        flat = replace(assembly.flat, events=(*assembly.flat.events, *stops))
+        assembly = replace(assembly, reduced=replace(assembly.reduced, flat=flat), memo={})
+    return replace(_portable(assembly, column, prefix), stops=ca.Function(f"{prefix}stops", [assembly.arguments[3]], [
+        ca.densify(stack(e.first for e in stops))]))
 
 
 def _sizes(assembly: Assembly) -> Mapping[str, float]:
@@ -158,7 +167,8 @@ def _sizes(assembly: Assembly) -> Mapping[str, float]:
 # -- inputs ----------------------------------------------------------------------------------------------------------
 def _measured(assembly: Assembly) -> Array:
     """The column of measured inputs at the start."""
-    return pieced(assembly.flat, 0.0, AT_ONCE).at(np.zeros(1))[:, 0] if assembly.flat.inputs else np.zeros(0)
+    return pieced(assembly.flat, assembly.begin, assembly.begin + AT_ONCE).at(
+        np.array([assembly.begin]))[:, 0] if assembly.flat.inputs else np.zeros(0)
 
 
 def _opened(before: Assembly, wanted: list[str]) -> tuple[Assembly, Array]:
@@ -180,13 +190,14 @@ def _opened(before: Assembly, wanted: list[str]) -> tuple[Assembly, Array]:
 def _column(before: Assembly, after: Assembly) -> Array:
     """(t, c0..c3 of each input) at the start: the values that the diagram gave the inputs there, and their rates."""
     measured = _measured(before)
-    first = start(before, 0.0, measured)
+    first = start(before, None, measured)
     column = np.zeros(1 + 4 * len(after.flat.inputs))
+    column[0] = before.begin
     t, x, z, _, _, rate = before.arguments
     for k, known in enumerate(after.flat.inputs):
         course = before.express(before.flat.levels[0][before.flat.names[known.name]])
         for order in range(4):
-            value = ca.Function("c", list(before.arguments), [course])(0.0, first.x, first.z, first.p, measured, 1.0)
+            value = ca.Function("c", list(before.arguments), [course])(first.t, first.x, first.z, first.p, measured, 1.0)
             column[1 + 4 * k + order] = float(value) / factorial(order)
             if z.numel() and ca.which_depends(course, z, 1, False)[0]:
                 break  # its rate follows from a loop; the new input begins at rest
@@ -196,7 +207,7 @@ def _column(before: Assembly, after: Assembly) -> Array:
 
 # -- equations -------------------------------------------------------------------------------------------------------
 def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
-    flat, first = assembly.flat, start(assembly, 0.0, column)
+    flat, first = assembly.flat, start(assembly, None, column)
     t, x, z, p, pieces, rate = assembly.arguments
     shown = list(assembly.model.show) or assembly.state_names
     outputs = stack([signal_expression(assembly, n) for n in shown])
@@ -305,7 +316,7 @@ def _input(assembly: Assembly, k: int, order: int, column: Array) -> Quantity:
 
 def _outputs(assembly: Assembly, names: Iterable[str], expressions: ca.SX, first: Start, column: Array
              ) -> Iterable[Quantity]:
-    values = ca.Function("y", list(assembly.arguments), [expressions])(0.0, first.x, first.z, first.p, column, 1.0)
+    values = ca.Function("y", list(assembly.arguments), [expressions])(first.t, first.x, first.z, first.p, column, 1.0)
     units = dict(zip(assembly.state_names, (derived(assembly.flat.unknowns[j].unit, order)
                                             for j, order in assembly.reduced.states), strict=True))
     for name, value in zip(names, np.array(values).ravel(), strict=True):

@@ -55,6 +55,7 @@ class Model:
     initial: Initial = field(default_factory=Initial)
     nominal: dict[str, Setting] = field(default_factory=dict)
     show: dict[str, NamedOutput] = field(default_factory=dict)
+    begin: Value | None = None
     until: Value | None = None
     every: Value | None = None
     solver: Scalar | None = None
@@ -329,7 +330,8 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
         initial=read_initial(root.items.get("initial"), base.initial, problems),
         nominal={**base.nominal, **read_nominal(root.items.get("nominal"), problems)},
         show={**base.show, **read_show(root.items.get("show"), problems)},
-        until=plan.until or base.until, every=plan.every or base.every, solver=plan.solver or base.solver,
+        begin=plan.begin or base.begin, until=plan.until or base.until, every=plan.every or base.every,
+        solver=plan.solver or base.solver,
         view={**base.view, **read_view(root.items.get("view"), problems)},
         files=(*base.files, source.path))
 

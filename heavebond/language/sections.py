@@ -178,6 +178,7 @@ def shown_as(name: str, item: Node, key: Scalar, problems: Problems, extra: tupl
 class Plan:
     """What `simulate:` says."""
 
+    begin: Value | None = None
     until: Value | None = None
     every: Value | None = None
     solver: Scalar | None = None
@@ -187,26 +188,27 @@ def read_plan(node: Node | None, problems: Problems) -> Plan:
     entries = reading.mapping(node, "simulate", problems)
     if entries is None:
         return Plan()
-    reading.known_keys(entries, ("until", "every", "solver"), "simulate", problems)
+    reading.known_keys(entries, ("from", "until", "every", "solver"), "simulate", problems)
     times = {name: reading.value(item, name, problems) for name, item in entries.items.items()
-             if name in ("until", "every")}
+             if name in ("from", "until", "every")}
     for name, value in times.items():
         if value is not None:
-            _check_time(name, value, problems)
+            _check_time(name, value, problems, any_sign=name == "from" or (name == "until" and "from" in times))
     solver = entries.items.get("solver")
     name = reading.text(solver, "solver", problems)
     if solver is not None and name and name not in SOLVERS:
         problems.add("solver-unknown", f"'{name}' is no solver", solver.place,
                      hint=suggest(name, SOLVERS) or f"There are {listing(SOLVERS)}.")
-    return Plan(times.get("until"), times.get("every"), solver if isinstance(solver, Scalar) else None)
+    return Plan(times.get("from"), times.get("until"), times.get("every"), solver if isinstance(solver, Scalar) else None)
 
 
 def _no_name(name: Name) -> Dimension:
     raise ExpressionProblem("not-a-quantity", f"'{name.text}' is no number", name.column, name.length)
 
 
-def _check_time(name: str, value: Value, problems: Problems) -> None:
-    """`until` and `every` are known before any parameter is: plain times above 0."""
+def _check_time(name: str, value: Value, problems: Problems, any_sign: bool) -> None:
+    """`from`, `until` and `every` are known before any parameter is: plain times, `every` above 0, and `until` without
+    `from`."""
     number = constant(value.expr)
     if value.formula or number is None:
         problems.add("not-a-quantity", f"{name}: '{value.text}' is not a plain time", value.place,
@@ -217,6 +219,6 @@ def _check_time(name: str, value: Value, problems: Problems) -> None:
         check_dimension(name, value, dimension(value.expr, _no_name), SECOND, problems)
     except ExpressionProblem as problem:
         add_formula_problem(problem, value, problems)
-    if number <= 0 and len(problems.found) == before:
+    if number <= 0 and not any_sign and len(problems.found) == before:
         problems.add("time-not-positive", f"{name}: '{value.text}' is not above 0", value.place,
                      hint="Write for example `60 s`.")

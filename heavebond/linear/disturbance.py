@@ -56,11 +56,11 @@ def disturbed(flat: Flat, names: Iterable[str]) -> Flat:
     return replace(flat, residual_column=stack(residuals), inputs=tuple(inputs))
 
 
-def quiet(flat: Flat, added: int, end: float) -> Pieced:
-    """The measured inputs of a disturbed model on [0, end]: those of its records, and the last `added` at zero."""
-    records = pieced(replace(flat, inputs=flat.inputs[:len(flat.inputs) - added]), 0.0, end)
+def quiet(flat: Flat, added: int, begin: float, end: float) -> Pieced:
+    """The measured inputs of a disturbed model on [begin, end]: those of its records, and the last `added` at zero."""
+    records = pieced(replace(flat, inputs=flat.inputs[:len(flat.inputs) - added]), begin, end)
     if not records.columns.size:
-        return Pieced(np.array([0.0, end]), np.zeros((1 + 4 * added if added else 0, 1 if added else 0)))
+        return Pieced(np.array([begin, end]), np.zeros((1 + 4 * added if added else 0, 1 if added else 0)))
     return Pieced(records.breaks, np.vstack([records.columns, np.zeros((4 * added, records.columns.shape[1]))]))
 
 

@@ -189,10 +189,11 @@ def _solved(g_z: Array, right: Array) -> Array:
 
 
 def _first_inputs(assembly: Assembly) -> Array:
-    """The pieces of the measured inputs at 0 s."""
+    """The pieces of the measured inputs at the start."""
     if not assembly.flat.inputs:
         return np.zeros(0)
-    return pieced(assembly.flat, 0.0, float(grid(assembly.model, None, None)[-1])).at(np.zeros(1))[:, 0]
+    times = grid(assembly.model, None, None)
+    return pieced(assembly.flat, float(times[0]), float(times[-1])).at(times[:1])[:, 0]
 
 
 def start_point(first: Start, u: Array) -> Point:
@@ -220,7 +221,7 @@ class ModesAtStart:
 
     def start(self, settings: Mapping[str, float | str]) -> Start:
         """The start with these parameters set; StartError where there is none."""
-        return start(self.assembly.with_parameters(settings) if settings else self.assembly, 0.0, self.u, self.equations)
+        return start(self.assembly.with_parameters(settings) if settings else self.assembly, None, self.u, self.equations)
 
     def slope(self, first: Start, mode: Mode, names: Sequence[str], at: Point | None = None) -> NDArray[np.complex128]:
         """d s / d p (m,) for named parameters, the start moving along; zero for a multiple eigenvalue. `at` is the point

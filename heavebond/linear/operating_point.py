@@ -20,7 +20,7 @@ from heavebond.linear.held_variables import StartEvents
 from heavebond.linear.linearisation import start_point
 from heavebond.numerics.dae import Array, Assembly, build
 from heavebond.numerics.initialise import start
-from heavebond.numerics.output_times import Time, grid, seconds
+from heavebond.numerics.output_times import Time, begin_of, grid, seconds
 from heavebond.numerics.result import columns
 from heavebond.numerics.simulation import filled, fills_told, run_by_auto, unfilled
 from heavebond.numerics.simulator import Simulator
@@ -45,19 +45,21 @@ class OperatingPoints:
     def __init__(self, model: Model, at: Time | None = None, *, disturbances: Sequence[str] = (), also: Iterable[str] = ()):
         """`at`: None for the start of the diagram, `"steady"`, or a time; `also` names positions that are wanted."""
         self.steady, self._disturbances, self._also = at == STEADY, disturbances, tuple(also)
-        self.time = 0.0 if at is None or self.steady else seconds(at, "--at")
+        self.begin = begin_of(model)
+        self.time = self.begin if at is None or self.steady else seconds(at, "--at")
         self._assemble(_steady(model) if self.steady else model)
         if not disturbances:
             self._fill()
 
     def _assemble(self, model: Model) -> None:
         self.assembly = build(reduce(disturbed(flatten(model, self._also), self._disturbances)))
-        end = self.time or (float(grid(model, None, None)[-1]) if model.until is not None else 1.0)
-        self.driven = quiet(self.assembly.flat, len(self._disturbances), end)
+        end = self.time if self.time != self.begin else \
+            float(grid(model, None, None)[-1]) if model.until is not None else self.begin + 1.0
+        self.driven = quiet(self.assembly.flat, len(self._disturbances), self.begin, end)
         self.equations = StartEquations(self.assembly)
         self._events = StartEvents(self.assembly)
-        self._simulator = Simulator(self.assembly, times=np.array([0.0, self.time]), driven=self.driven) \
-            if self.time else None
+        self._simulator = Simulator(self.assembly, times=np.array([self.begin, self.time]), driven=self.driven) \
+            if self.time != self.begin else None
 
     def _fill(self) -> None:
         """Fill nodes where there is no operating point without; what else is wrong is told by `at`, as it may be right with
@@ -84,7 +86,7 @@ class OperatingPoints:
     @property
     def words(self) -> str:
         """`at the start`, `steady`, `at 12 s`."""
-        return "in its steady state" if self.steady else f"at {self.time:g} s" if self.time else "at its start"
+        return "in its steady state" if self.steady else f"at {self.time:g} s" if self.time != self.begin else "at its start"
 
     def at(self, parameters: Mapping[str, float | str] | None = None) -> Point:
         """The point with these parameters set; StartError or SimulationError where there is none, UsageError
@@ -100,14 +102,14 @@ class OperatingPoints:
             t, x, z, p, u, _ = (values[:, -1] for values in columns(result))
             return Point(float(t[0]), x, z, p, _begun_at(u, float(t[0])), 1.0)
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
-        u = self.driven.at(np.zeros(1))[:, 0] if self.driven.columns.size else np.zeros(0)
+        u = self.driven.at(np.array([self.begin]))[:, 0] if self.driven.columns.size else np.zeros(0)
         if not self.steady:
-            return self._events.after(start_point(start(assembly, 0.0, u, self.equations), u))
+            return self._events.after(start_point(start(assembly, self.begin, u, self.equations), u))
         return self._steady_point(assembly, _held_still(u))
 
     def _steady_point(self, assembly: Assembly, u: Array) -> Point:
         """The steady state with what the events at its instant set; without these if they do not come to rest."""
-        first = point = _still(assembly, self.equations, start_point(start(assembly, 0.0, u, self.equations), u))
+        first = point = _still(assembly, self.equations, start_point(start(assembly, self.begin, u, self.equations), u))
         held = [h.index for h in assembly.flat.held]
         for _ in range(MOST_STEPS if held else 0):
             after = self._events.after(point)
@@ -116,7 +118,7 @@ class OperatingPoints:
             p = assembly.p.copy()
             p[held] = after.p[held]
             point = _still(assembly, self.equations,
-                           start_point(start(replace(assembly, p=p), 0.0, u, self.equations), u))
+                           start_point(start(replace(assembly, p=p), self.begin, u, self.equations), u))
         return first
 
 

@@ -28,7 +28,7 @@ import tempfile
 import time as clock
 import weakref
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from threading import Lock
@@ -100,8 +100,9 @@ class _Problem(ctypes.Structure):
     _fields_ = [("sundials", _Pointer), ("right", _Tape), ("full", _Tape), ("signals", _Tape), ("slopes", _Pattern),
                 ("signal_slopes", _Pattern),
                 *((name, ctypes.c_long) for name in ("n", "n_z", "m", "total", "n_moving", "n_p", "n_u", "n_signals",
-                                                     "n_pieces", "restart")),
-                *((name, _Pointer) for name in ("breaks", "pieces", "at_stops", "directions")), ("piece", ctypes.c_long),
+                                                     "n_pieces", "restart", "n_kinks")),
+                *((name, _Pointer) for name in ("breaks", "pieces", "at_stops", "kinks", "directions")),
+                ("piece", ctypes.c_long), ("kink", ctypes.c_long), ("noted", ctypes.c_long * 3),
                 *((name, _Pointer) for name in ("z", "along", "jacobian", "lu", "inverse", "pivots", "loop", "loop_inverse",
                                                 "by_x", "loop_pivots", "memory", "x", "newton")),
                 ("factored", ctypes.c_double), ("stages", _Pointer),
@@ -170,12 +171,14 @@ class NotCompiled(Exception):
 @dataclass(frozen=True)
 class Driving:
     """What drives the equations, columns u (n_u, ...): `pieces` (n_u, k) between `breaks` (k + 1,), and `at_stops` (n_u, N).
-    Integration begins anew at every stop where it `restarts`; then there is one piece for each interval between stops."""
+    Integration begins anew at every stop where it `restarts`; then there is one piece for each interval between stops. It
+    also begins anew at the `kinks` (n_kinks,), which are stops."""
 
     breaks: Array
     pieces: Array
     at_stops: Array
     restarts: bool
+    kinks: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -204,7 +207,7 @@ class CompiledCvodes:
         none = np.zeros((0, 0))
         driving = driving or Driving(np.zeros(0), none, none, False)
         columns = [np.ascontiguousarray(driving.breaks, float), np.ascontiguousarray(driving.pieces.T, float),
-                   np.ascontiguousarray(driving.at_stops.T, float)]
+                   np.ascontiguousarray(driving.at_stops.T, float), np.ascontiguousarray(driving.kinks, float)]
         self._directions = np.zeros((max(m, 1), len(equations.moving)))
         work = [np.zeros(n_z), np.zeros(n_z * m), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n, np.int32),
                 np.zeros((n_z, n_z)), np.zeros(n_z), np.zeros((n, n_z)), np.zeros(n_z, np.int32)]
@@ -218,8 +221,8 @@ class CompiledCvodes:
         self._problem = _Problem(
             ctypes.cast(compiled.sundials, _Pointer), *equations.structures(slots), *equations.jacobians(), n, n_z, m,
             self._total, len(equations.moving), equations.n_p, n_u, equations.n_signals, len(columns[1]), driving.restarts,
-            *map(_address, columns), _address(self._directions), 0, *map(_address, work), None, None, None, 0.0,
-            _address(stages), 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
+            len(driving.kinks), *map(_address, columns), _address(self._directions), 0, 0, (0, 0, 0),
+            *map(_address, work), None, None, None, 0.0, _address(stages), 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
         answer = compiled.library.prepare(
             ctypes.byref(self._problem), self._stops[0], tolerances.rtol, tolerances.atol, most_steps, longest)
         # before what it points to is collected

@@ -23,6 +23,7 @@ from heavebond.equations.resolver import Resolver
 from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.impulses import with_impulses
+from heavebond.numerics.output_times import begin_of
 from heavebond.numerics.reset_checks import check_resets
 from heavebond.text.expression import Expr, ExpressionProblem
 
@@ -74,6 +75,11 @@ class Assembly:
     def model(self) -> Model:
         """The diagram."""
         return self.flat.expanded.model
+
+    @property
+    def begin(self) -> float:
+        """The time (s) at which the runs of the diagram begin."""
+        return begin_of(self.model)
 
     @cached_property
     def state_names(self) -> list[str]:

@@ -67,11 +67,13 @@ class EventIntegration:
     `framed` makes the equations in a chart, with `integrals` (integrals and their sensitivities) after the other states;
     `inputs` gives at times the integrator's inputs, the first `n_u` of them those of the assembly, the others factors of the
     integrals; `build` makes an integrator by its name that stops at times, `solver` is the name of the first. With `changes`
-    the other solver goes on where one stops (see `other`). With `dense` points between the stops are kept.
+    the other solver goes on where one stops (see `other`). With `dense` points between the stops are kept. At the `kinks` of
+    functions of time, which are among the stops, the integrator begins anew.
     """
 
     def __init__(self, charts: StateChoices, framed: Callable[[StateChoice], Frame], integrals: int, stops: Array,
-                 inputs: Callable[[Array], Array], build: Build, solver: str, changes: bool = False, dense: bool = False):
+                 inputs: Callable[[Array], Array], build: Build, solver: str, changes: bool = False, dense: bool = False,
+                 kinks: Array | None = None):
         self.first_solver, self.solver, self.changes, self.failed_at = solver, solver, changes, -np.inf
         self.dense = dense
         self.failures = Failures(0)
@@ -84,6 +86,7 @@ class EventIntegration:
         self.n_u = charts.home.assembly.arguments[4].numel()
         self.span, self.same = float(stops[-1] - stops[0]) or 1.0, same_instant(float(stops[0]), float(stops[-1]))
         self.ahead = LookAhead(stops, self.same, bool(self.conditions or charts.needed), bool(self.conditions))
+        self.kinks: Array = np.zeros(0) if kinks is None else kinks
         self.last: IntegratorCall | None = None
         self.reached = 0.0  # by the integrator in its own time where it failed
 
@@ -103,10 +106,10 @@ class EventIntegration:
         for time, events, delays in timetable(equations.events, instants, now.t, float(self.stops[-1])):
             if record.true_at_start is None and time > begin + self.same:  # those at the start may set it
                 record.true_at_start = self._true_at_start(now)
-            now = self._happen(self._until(now, self._stop(time), record), events, delays, record)
+            now = self._happen(self._over_kinks(now, self._stop(time), record), events, delays, record)
         if record.true_at_start is None:
             record.true_at_start = self._true_at_start(now)
-        self._until(now, float(self.stops[-1]), record)
+        self._over_kinks(now, float(self.stops[-1]), record)
         trace = record.trace(self.integrals, self.inputs(self.stops)[: self.n_u])
         return replace(trace, between=partial(record.between, self.integrals, lambda t: self.inputs(t)[: self.n_u])) \
             if self.dense else trace
@@ -139,6 +142,12 @@ class EventIntegration:
         """The stop that is meant by a time, or the time itself."""
         near = float(self.stops[np.abs(self.stops - time).argmin()])
         return near if abs(near - time) <= self.same else time
+
+    def _over_kinks(self, now: EventState, limit: float, record: Record) -> EventState:
+        """Go on to a time, from kink to kink."""
+        for kink in self.kinks[(self.kinks > now.t + self.same) & (self.kinks < limit - self.same)].tolist():
+            now = self._until(now, kink, record)
+        return self._until(now, limit, record)
 
     def _until(self, now: EventState, limit: float, record: Record) -> EventState:
         """Go on to a time, through the events of conditions on the way; what is passed is written down."""
@@ -398,6 +407,12 @@ class EventIntegration:
             values, rates = self._indicators(reached)
             return float(values[condition]), float(rates[condition])
 
+        event = self.home.equations.events[self.conditions[condition]]
+        if event.by_clock and np.abs(self.kinks - end).min(initial=np.inf) <= self.same:
+            if not certain:
+                return None
+            indicator(end)  # conditions of the time change at kinks only
+            return reached, condition
         # one that is true already has to become false first
         first = max(first, 0.0) if begin.true[condition] else first
         time = crossing(indicator, begin.t, end, first, extremes, certain, EVENTS.crossing_precision * self.same)

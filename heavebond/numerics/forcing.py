@@ -1,19 +1,32 @@
-"""Prescribed functions of time: the longest step that does not pass over a short motion of one of them.
+"""Prescribed functions of time: the instants and the longest step with which no motion of one of them is passed over.
 
 A solver evaluates the equations only at the ends of its steps. Where a machine is at rest the steps grow without limit, and
 a road bump, a pulse or a gust that begins and ends within one step is missed: the run ends without an error and without the
-motion. The steps are therefore limited by what the output points show of the functions of time in the equations.
+motion. Before a run the functions of time in the equations are therefore searched. The integrator stops at their kinks and
+jumps (where an argument of `min`, `max`, `abs`, `sign` or a comparison changes its sign) and at points of motions that are
+shorter than the output intervals; its steps are limited by what the output points show of longer motions.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import casadi as ca
 import numpy as np
 
-from heavebond.language.symbols import stack
+from heavebond.language.incidence import STEPS
+from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.interval_functions import operation
+from heavebond.numerics.time_search import Course, rounding, short_motions, sign_changes, straight_sign_changes
+
+MOST_BRANCHES = 16  # expressions that one value of a function of time may be, by the branches of its conditions
+STEEP = {ca.OP_SQ, ca.OP_POW, ca.OP_CONSTPOW, ca.OP_EXP, ca.OP_TANH, ca.OP_ATAN, ca.OP_COSH, ca.OP_SINH, ca.OP_ERF,
+         ca.OP_INV}
+STRAIGHT = {ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE, ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_ASSIGN}
+POINTS = 1000  # output intervals below which the functions are looked at in so many intervals
+TERMS = 8  # terms of a sum that are searched each by itself, so that a small motion beside a large one is met
 
 
 @dataclass(frozen=True)
@@ -34,21 +47,57 @@ class ForcingConstants:
 FORCING = ForcingConstants()
 
 
+@dataclass(frozen=True)
+class Stops:
+    """Where the functions of time make the integrator stop (n,), its longest step (s; 0: no limit), and the functions for
+    which neither was found, as texts: they may have shorter motions."""
+
+    times: Array
+    longest: float
+    unknown: tuple[str, ...] = ()
+
+
 class Forcing:
     """The largest subexpressions of the equations that depend on time and parameters alone."""
 
     def __init__(self, assembly: Assembly):
         time, _, _, p, _, rate = assembly.arguments
-        equations = ca.substitute(stack([assembly.ode, assembly.alg]), rate, ca.SX(1))
-        found = _parts(equations, time, p)
+        flat = assembly.flat
+        conditions = [assembly.express(e.indicator) for e in flat.events if e.indicator is not None]
+        equations = ca.substitute(stack([assembly.ode, assembly.alg, *conditions]), rate, ca.SX(1))
+        held = {h.index for h in flat.held}
+        constants = stack(s for k, s in enumerate(split(p)) if k not in held)
+        self.parts = parts = _parts(equations, time, constants)
         self._felt: list[int] = []
         self._functions: ca.Function | None = None
-        if not found:
+        self._lines: ca.Function | None = None
+        self._switches: dict[bool, Course | None] = {False: None, True: None}  # by whether they are curved between kinks
+        self._smooth: Course | None = None
+        if not parts:
             return
-        order = assembly.flat.places
-        used = [s for s in ca.symvar(stack(found)) if s.element_hash() in order]
+        order = flat.places
+        used = [s for s in ca.symvar(stack(parts)) if s.element_hash() in order]
         self._felt = [order[s.element_hash()] for s in used]
-        self._functions = ca.Function("forcing", [time, stack(used)], [stack(found)])
+        felt = stack(used)
+        laws = _parts(equations[:equations.numel() - len(conditions)], time, constants) if conditions else parts
+        self._functions = ca.Function("forcing", [time, felt], [stack(laws)])
+        timed_conditions = [c for c in split(equations[equations.numel() - len(conditions):])
+                            if {s.element_hash() for s in ca.symvar(c)} <= {s.element_hash() for s in (*used, time)}]
+        switches = [*switch_arguments(parts, time)[0], *timed_conditions]
+        if switches:
+            slopes = ca.jtimes(stack(switches), time, ca.SX(1))
+            bent = ca.which_depends(slopes, time, 1, True)
+            lines = [k for k, curved in enumerate(bent) if not curved]
+            first = ca.substitute(stack(switches[k] for k in lines), time, ca.SX(0))
+            self._lines = ca.Function("lines", [felt], [first, slopes[lines]])
+            kinked = [s for s, more in zip(switches, bent, strict=True) if more]
+            kinds = _curved(kinked, time) if kinked else []
+            for kind in (False, True):
+                rows = [s for s, bends in zip(kinked, kinds, strict=True) if bends is kind]
+                self._switches[kind] = Course(time, felt, rows) if rows else None
+        terms = [term for part in parts for term in _terms(part, time)]
+        if curved := [term for term, bent in zip(terms, _curved(terms, time), strict=True) if bent]:
+            self._smooth = Course(time, felt, curved)
 
     def longest_step(self, times: Array, p: Array) -> float:
         """The longest step (s) over these output times (N,) with these parameters; 0 for no limit."""
@@ -57,9 +106,43 @@ class Forcing:
         values = np.asarray(self._functions(times[None, :], np.repeat(p[self._felt][:, None], len(times), axis=1)))
         return _longest(values[np.all(np.isfinite(values), axis=1)], float(np.median(np.diff(times))))
 
+    def stops(self, times: Array, p: Array) -> Stops:
+        """What the functions of time ask of an integrator between these output times (N,) with these parameters. Few output
+        times are replaced by POINTS intervals, so that a longer motion between them is met, too."""
+        if self._functions is None or len(times) < 2:
+            return Stops(np.zeros(0), 0.0)
+        felt, ends, unknown = p[self._felt], times[[0, -1]], list[str]()
+        times = times if len(times) > POINTS else np.linspace(ends[0], ends[1], POINTS + 1)
+        kinks, longest = np.zeros(0), self.longest_step(times, p)
+        if self._lines is not None:
+            first, slope = (np.array(v).ravel() for v in self._lines(felt))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                kinks = -first / slope
+        if (straight := self._switches[False]) is not None:
+            kinks = straight_sign_changes(straight, felt, _within(kinks, ends, True))
+        if (curved := self._switches[True]) is not None:
+            changes = sign_changes(curved, felt, _within(kinks, ends, True))
+            kinks = np.append(kinks, changes.times)
+            unknown += curved.texts(changes.unknown)
+        motions = np.zeros(0)
+        if self._smooth is not None:
+            short = short_motions(self._smooth, felt, times, _within(kinks, ends, True))
+            motions = short.times
+            unknown += self._smooth.texts(short.unknown)
+            longest = min(longest or short.longest, short.longest or longest)
+        return Stops(_within(np.append(kinks, motions), ends), longest, tuple(dict.fromkeys(unknown)))
+
     def felt(self, p: Array) -> Array:
         """The parameters that the functions depend on."""
         return np.asarray(p[self._felt])
+
+
+def _within(times: Array, ends: Array, closed: bool = False) -> Array:
+    """Times in order between two ends, without those that differ by rounding; with the ends if `closed`."""
+    same = rounding(np.abs(ends).max())
+    inner = np.sort(times[(times > ends[0] + same) & (times < ends[1] - same)])
+    inner = inner[np.diff(inner, prepend=-np.inf) > same]
+    return np.concatenate([ends[:1], inner, ends[1:]]) if closed else inner
 
 
 def _parts(equations: ca.SX, time: ca.SX, p: ca.SX) -> list[ca.SX]:
@@ -69,6 +152,95 @@ def _parts(equations: ca.SX, time: ca.SX, p: ca.SX) -> list[ca.SX]:
     _, _, parts = ca.extract_parametric(equations[driven], stack([time, p]))
     timed = ca.which_depends(stack(parts), time, 1, True) if parts else []
     return [part for part, depends in zip(parts, timed, strict=True) if depends]
+
+
+def switch_arguments(parts: list[ca.SX], time: ca.SX) -> tuple[list[ca.SX], list[ca.SX], list[ca.SX]]:
+    """What changes its sign where functions of time have a kink or jump, as it is written; the same with each condition
+    inside
+    taken both ways, up to MOST_BRANCHES expressions, most of which are straight lines in time (where another branch holds,
+    they
+    change their sign to no effect); and the arguments of powers and exponentials in the same way."""
+    together = ca.cse(stack(parts))
+    symbols = ca.symvar(together)
+    function = ca.Function("f", [stack(symbols)], [together])
+    moves = {time.element_hash()}
+    work: dict[int, tuple[bool, list[ca.SX]]] = {}
+    written: dict[int, ca.SX] = {}  # the expressions with their conditions
+    whole_switches, switches, steep = list[ca.SX](), list[ca.SX](), list[ca.SX]()
+    for k in range(function.n_instructions()):
+        op, inputs, outputs = (function.instruction_id(k), function.instruction_input(k), function.instruction_output(k))
+        if op == ca.OP_OUTPUT:
+            continue
+        if op == ca.OP_INPUT:
+            symbol = symbols[inputs[1]]
+            work[outputs[0]], written[outputs[0]] = (symbol.element_hash() in moves, [symbol]), symbol
+            continue
+        if op == ca.OP_CONST:
+            written[outputs[0]] = ca.SX(function.instruction_constant(k))
+            work[outputs[0]] = False, [written[outputs[0]]]
+            continue
+        args = [work[i][1] for i in inputs]
+        moving = any(work[i][0] for i in inputs)
+        whole = operation(op, [written[i] for i in inputs])
+        pairs = list(product(*args))
+        branches = [operation(op, list(pair)) for pair in pairs] if len(pairs) > 1 else [whole]
+        if moving and op in (ca.OP_FMIN, ca.OP_FMAX, ca.OP_LT, ca.OP_LE):
+            whole_switches.append(written[inputs[0]] - written[inputs[1]])
+            switches += [a - b for a, b in pairs]
+            branches = [*args[0], *args[1]] if op in (ca.OP_FMIN, ca.OP_FMAX) else [ca.SX(0), ca.SX(1)]
+        elif moving and op in (ca.OP_FABS, ca.OP_SIGN):
+            whole_switches.append(written[inputs[0]])
+            switches += args[0]
+            branches = [*args[0], *(-a for a in args[0])] if op == ca.OP_FABS else [ca.SX(-1), ca.SX(1)]
+        elif moving and op == ca.OP_IF_ELSE_ZERO:
+            branches = [ca.SX(0), *args[1]]
+        elif moving and (op in STEEP or op == ca.OP_DIV):
+            steep += args[-1] if op == ca.OP_DIV else args[0]
+        written[outputs[0]] = whole
+        work[outputs[0]] = moving, branches if moving and len(branches) <= MOST_BRANCHES else [whole]
+    first, second, third = ([s for s in found if ca.depends_on(s, time)] for found in (whole_switches, switches, steep))
+    return first, second, third
+
+
+def _curved(terms: list[ca.SX], time: ca.SX) -> list[bool]:
+    """Whether functions of time are more than straight lines between their kinks and jumps."""
+    together = stack(terms)
+    symbols = ca.symvar(together)
+    function = ca.Function("f", [stack(symbols)], [together])
+    degrees: dict[int, int] = {}  # 2 stands for all above 1
+    found = [False] * len(terms)
+    for k in range(function.n_instructions()):
+        op, inputs, outputs = (function.instruction_id(k), function.instruction_input(k), function.instruction_output(k))
+        if op == ca.OP_OUTPUT:
+            found[outputs[1]] = degrees[inputs[0]] > 1
+        elif op in (ca.OP_INPUT, ca.OP_CONST):
+            degrees[outputs[0]] = int(op == ca.OP_INPUT and symbols[inputs[1]].element_hash() == time.element_hash())
+        elif op in STEPS:
+            degrees[outputs[0]] = 0
+        else:
+            each = [degrees[i] for i in inputs]
+            degrees[outputs[0]] = max(each) if op in STRAIGHT or not any(each) else \
+                each[1] if op == ca.OP_IF_ELSE_ZERO else each[0] if op == ca.OP_DIV and not each[1] else \
+                min(sum(each), 2) if op == ca.OP_MUL else 2
+    return found
+
+
+def _terms(part: ca.SX, time: ca.SX) -> list[ca.SX]:
+    """The terms of a sum that depend on the time; the sum itself where they are many."""
+    waiting, terms = [part], list[ca.SX]()
+    while waiting:
+        node = waiting.pop()
+        if not ca.depends_on(node, time):
+            continue
+        if node.op() in (ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE):
+            waiting += [node.dep(k) for k in range(node.n_dep())]
+        elif node.op() == ca.OP_MUL and (fixed := [k for k in (0, 1) if not ca.depends_on(node.dep(k), time)]):
+            waiting.append(node.dep(1 - fixed[0]))
+        else:
+            terms.append(node)
+        if len(terms) + len(waiting) > TERMS:
+            return [part]
+    return terms
 
 
 def _longest(values: Array, interval: float) -> float:

@@ -14,6 +14,7 @@ from heavebond.numerics.idas import at_rest
 from heavebond.numerics.matrices import Matrix, added, finite, least_change, null_space, scaled
 from heavebond.numerics.newton import NewtonResult, Scaling, System, continued, newton, settled, sharpened, weights
 from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquations, StartSystem
+from heavebond.numerics.time_events import clocks_at
 
 # widths of regularised laws are narrowed from this many times their size
 WIDENINGS = (1e4, 1e3, 100.0, 10.0, 3.0, 1.0)
@@ -47,12 +48,17 @@ class Start:
     of_components: bool = False  # whether there are initial values of components, and they are met
 
 
-def start(assembly: Assembly, t: float = 0.0, u: Array | None = None, equations: StartEquations | None = None) -> Start:
+def start(assembly: Assembly, t: float | None = None, u: Array | None = None, equations: StartEquations | None = None
+          ) -> Start:
     """Solve for x, z and the parameters under `solve:`; StartError with the reason where that cannot be.
 
     Unknowns that no condition decides keep their guess: states do where the loops can be solved for the algebraic unknowns
     alone; else all change as little as they can, in scaled variables. After `start: steady` a direction that no equation
-    determines is an error. `equations` are those of the assembly where they are compiled already."""
+    determines is an error. The time is by default that at which runs begin; `equations` are those of the assembly where
+    they are compiled already."""
+    t = assembly.begin if t is None else t
+    if (p := clocks_at(assembly, t, assembly.p)) is not assembly.p:
+        assembly = replace(assembly, p=p)
     u = np.zeros(assembly.arguments[4].numel()) if u is None else u
     problem = StartSearch(equations or StartEquations(assembly), assembly, t, u)
     try:

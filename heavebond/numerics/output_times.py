@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from heavebond.core.errors import Problem, UsageError
+from heavebond.core.errors import Place, Problem, UsageError
 from heavebond.core.limits import OUTPUT_POINTS
 from heavebond.core.quantities import si_value
+from heavebond.core.units import read_unit
 from heavebond.language.definition import Value
 from heavebond.language.model import Model
-from heavebond.numerics.dae import Array
-from heavebond.text.expression import constant
+from heavebond.text.expression import Number, constant
 
+Array = NDArray[np.float64]
 Time = float | str
 POINTS = 1000  # output points where nothing is said
 
@@ -42,29 +44,51 @@ class DensePointConstants:
 DENSE_POINTS = DensePointConstants()
 
 
+def begin_of(model: Model) -> float:
+    """The time (s) at which the runs of a diagram begin."""
+    return _from_model(model.begin) or 0.0
+
+
+def with_begin(model: Model, begin: Time) -> Model:
+    """The diagram with runs that begin at another time."""
+    value = seconds(begin, "begin")
+    place = model.begin.place if model.begin is not None else Place("begin", 1, 1, "")
+    return replace(model, begin=Value(Number(value, read_unit("s"), 0), f"{value!r} s", place))
+
+
 def grid(model: Model, until: Time | None, every: Time | None) -> Array:
-    """Output times from 0 to the end, the end included; UsageError where they make no sense."""
+    """Output times from the begin to the end, both included; UsageError where they make no sense."""
+    begin = begin_of(model)
     end = seconds(until, "until") if until is not None else _from_model(model.until)
     if end is None:
         raise UsageError([Problem("until-missing", "it is not said how long to simulate", None,
                                   "Give `--until '60 s'`, or `simulate: {until: 60 s}` in the diagram.")])
     step = seconds(every, "every") if every is not None else _from_model(model.every)
-    step = end / POINTS if step is None else step
-    if not end > 0 or not step > 0:
+    span = end - begin
+    step = span / POINTS if step is None else step
+    if begin and not span > 0:
+        raise UsageError([Problem("time-not-positive", f"the run would end at {end:.10g} s, before it begins: from "
+                                  f"{begin:.10g} s", None, "`until` is a time, not a duration: give one after `from`.")])
+    if not span > 0 or not step > 0:
         raise UsageError([Problem("time-not-positive", f"until ({end:g} s) and every ({step:g} s) must be above 0")])
-    if step > end * (1 + 1e-9):
+    if begin and step < 4 * np.spacing(max(abs(begin), abs(end))):
+        raise UsageError([Problem("every-too-short", f"every ({step:g} s) is shorter than the rounding of times of "
+                                  f"{end:.10g} s", None, "Shift the time axis: begin at 0 s.")])
+    length = f"until ({end:g} s)" if not begin else f"the run from {begin:.10g} s until {end:.10g} s"
+    if step > span * (1 + 1e-9):
         raise UsageError([Problem(
-            "every-too-long", f"every ({step:g} s) is longer than until ({end:g} s): there would be no output point between "
+            "every-too-long", f"every ({step:g} s) is longer than {length}: there would be no output point between "
             "the start and the end", None,
-            f"Make `every` shorter, or `until` longer; `every` of {end:g} s gives the two ends alone.")])
-    wanted = end / step * (1 + 1e-12)
+            f"Make `every` shorter, or `until` longer; `every` of {span:g} s gives the two ends alone.")])
+    wanted = span / step * (1 + 1e-12)
     if not wanted <= OUTPUT_POINTS:
         raise UsageError([Problem("too-many-points", f"every {step:g} s until {end:g} s makes {wanted:.3g} output points; "
-                                  f"the most is {OUTPUT_POINTS}", None, f"Make `every` {end / OUTPUT_POINTS:.3g} s or "
+                                  f"the most is {OUTPUT_POINTS}", None, f"Make `every` {span / OUTPUT_POINTS:.3g} s or "
                                   "longer, or `until` shorter.")])
     number = int(np.floor(wanted))
     times = np.arange(number + 1) * step
-    return np.asarray(times if end - times[-1] < 1e-9 * end else np.append(times, end))
+    times = times if span - times[-1] < 1e-9 * span else np.append(times, span)
+    return np.asarray(times if not begin else np.append(begin + times[:-1], end))
 
 
 def refined(stops: Array, unknowns: int) -> Array:

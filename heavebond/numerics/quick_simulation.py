@@ -31,13 +31,13 @@ from heavebond.language.symbols import stack
 from heavebond.numerics import compiled_cvodes, idas
 from heavebond.numerics.compiled_cvodes import CVODES, CompiledCvodes, Driving, Equations, Integrated, NotCompiled, Watch
 from heavebond.numerics.dae import Array, Assembly
-from heavebond.numerics.forcing import Forcing
 from heavebond.numerics.idas import in_unit_of_time, time_unit
 from heavebond.numerics.initialise import Start, Tangent
 from heavebond.numerics.physical_limits import check_limits, limited
 from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.solvers import CVODES_SHARE, Choice, Integrator, integrator, solver_options
+from heavebond.numerics.time_events import clocks_at
 from heavebond.numerics.trace import Trace
 
 
@@ -127,14 +127,20 @@ class Unexplained(Simulator):
         names = set(self.among)
         return sorted({*self._moving(assembly), *(k for k, name in enumerate(assembly.parameter_names) if name in names)})
 
+    @property
+    def _cut(self) -> bool:
+        return self.equations is None and super()._cut
+
     def prepare(self) -> None:
+        self.__dict__.pop("integrator", None)
         if self.equations is None or len(self.stops) < 2:
             super().prepare()
             return
         self.solver = Choice("cvodes", "driven by compiled code")
         tolerances = self.tolerances.scaled(self.share)
         self.driver = CompiledCvodes(self.equations, len(self.sensitivities), self.stops, tolerances, self.most_steps,
-                                     self._driving(), self._longest(), self.method)
+                                     self._driving(), self._longest(),
+                                     self.method if self.driver is None else self.driver.method)
 
     def _integrator(self) -> Integrator:
         name = "idas" if self.equations is not None else self.solver.name
@@ -143,9 +149,9 @@ class Unexplained(Simulator):
     def _driving(self) -> Driving:
         """The inputs, for the compiled program."""
         if self.looks_up:
-            return Driving(self.pieces.breaks, self.pieces.columns, self.pieces.at(self.stops), False)
+            return Driving(self.pieces.breaks, self.pieces.columns, self.pieces.at(self.stops), False, self.kinks)
         between = self.pieces.at((self.stops[:-1] + self.stops[1:]) / 2)
-        return Driving(self.stops, between, self.pieces.at(self.stops), between.size > 0)
+        return Driving(self.stops, between, self.pieces.at(self.stops), between.size > 0, self.kinks)
 
     def _longest(self) -> float:
         """The longest step, in s, over inputs that are looked up and prescribed functions of time; 0 for no limit."""
@@ -178,10 +184,11 @@ class Unexplained(Simulator):
         """As a `Simulator`, but the start is not solved again where only what it does not depend on has another value."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         equations = self.start_equations
-        felt = np.concatenate([assembly.p[equations.felt], self.pieces.at(self.time[:1]).ravel()])
+        p = clocks_at(assembly, float(self.time[0]), assembly.p)
+        felt = np.concatenate([p[equations.felt], self.pieces.at(self.time[:1]).ravel()])
         if self._last is not None and np.array_equal(felt, self._last[0]):
             _, first, moved = self._last
-            p = assembly.p.copy()
+            p = clocks_at(assembly, first.t, assembly.p.copy())
             p[equations.solved_for] = first.p[equations.solved_for]
             return assembly, replace(first, p=p), moved
         _, first, moved = super()._started(parameters)
@@ -239,6 +246,8 @@ class Unexplained(Simulator):
             if not self.driver.equations.n_z:
                 raise
             # where the equations for z are all but singular IDAS may go on, which has them under its own control
+            if len(self.kinks):
+                return self._switching(self.charts).run(first, moved)
             if not hasattr(self, "integrator"):
                 super().prepare()
             return super().attempt(first, moved)
@@ -290,6 +299,7 @@ class CaseSimulator(Unexplained):
     run; without sensitivities. What one run gives does not depend on those before it. `compiled` tells whether it serves."""
 
     most_steps, share = idas.MOST_STEPS, 1.0
+    keeps_shortest = False
 
     def __init__(self, *given: Any, **named: Any):
         super().__init__(*given, **named)
@@ -317,14 +327,12 @@ class CaseSimulator(Unexplained):
         if self.driver is not None:
             self.driver.method = CVODES
 
-    def _limit_steps(self, assembly: Assembly) -> bool:
-        self.forcing = self.assembly.once("forcing", lambda: Forcing(self.assembly))
-        felt = self.forcing.felt(assembly.p)
-        if self._felt is None or not np.array_equal(felt, self._felt):
-            self.longest, self._felt = self.forcing.longest_step(self.time, assembly.p), felt
+    def _limit_steps(self, p: Array) -> bool:
+        kinks = self.kinks
+        super()._limit_steps(p)
         if self.driver is not None:
             self.driver.limit_steps(self._longest())
-        return False
+        return self.kinks is not kinks
 
     @property
     def looks_up(self) -> bool:

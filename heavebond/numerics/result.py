@@ -35,6 +35,9 @@ if TYPE_CHECKING:
     from heavebond.numerics.trace import Instant
 
 
+FORMULA_LENGTH = 80  # of a function of time in a finding
+
+
 @dataclass(frozen=True)
 class ForwardSensitivities:
     """Forward sensitivities in SI: d x / d p_k (m, n_x, N), d z / d p_k (m, n_z, N), how all parameters move with the
@@ -89,7 +92,7 @@ class Result:
         """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
         findings = [*self._true_at_start(), *self._placeholders(), *self._unfit(), *self._unstable_start(),
-                    *([self.ended] if self.ended else [])]
+                    *self._time_formulas(), *([self.ended] if self.ended else [])]
         return judged(list(_stretches(self)), findings, dense)
 
     @cached_property
@@ -154,6 +157,14 @@ class Result:
         return replace(self, time=time, x=self.x[:, to], z=self.z[:, to], u=self.u[:, to],
                        quadratures=self.quadratures[:, to], along=along, held=self.held[:, to], stays=stays, between=None,
                        instants=tuple(i for i in self.instants if i.time <= time[-1]))
+
+    def _time_formulas(self) -> list[Finding]:
+        """Functions of time for which neither the instants of short motions nor a longest step were found."""
+        texts = self.statistics.get("unknown_forcing", ())
+        assert isinstance(texts, (list, tuple))
+        shortened = [text if len(text) <= FORMULA_LENGTH else f"{text[:FORMULA_LENGTH]}..." for text in texts]
+        return [Finding("time-formula", f"`{text}`", "", float(self.time[0]), 0.0, None, "",
+                        "Make `every:` shorter than its shortest motion") for text in shortened]
 
     def plot(self, *names: str) -> Figure:
         """A matplotlib figure of signals over time, of the outputs under `show:` where none is named: one axes per unit."""

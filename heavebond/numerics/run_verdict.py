@@ -63,6 +63,9 @@ class Finding:
         if self.kind == "scale":
             return f"{self.name} stays at {value}, far below the size {readable(self.limit or 0.0, self.unit)} of its " \
                 "absolute tolerance, so that it is not accurate; the run with a tolerance that fits failed"
+        if self.kind == "time-formula":
+            return f"the function of time {self.name} has no bound: motions shorter than an output interval may be " \
+                "passed over"
         if self.kind == "placeholder":
             return f"{self.name} has no law: it is a placeholder"
         if self.kind == "front":
@@ -83,7 +86,7 @@ class Finding:
 # whether a run with such a finding is worthless
 KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False,
          "growth": False, "scale": False, "true-at-start": False, "unstable-start": False, "placeholder": False,
-         "front": False}
+         "front": False, "time-formula": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 

@@ -28,13 +28,13 @@ from heavebond.core.reporting import cancellable
 from heavebond.equations.connect import connect
 from heavebond.equations.parameters import formula_order
 from heavebond.language.definition import Value
-from heavebond.language.model import Model, ModelOrFile
+from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.language.sections import Condition
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Assembly, assemble
 from heavebond.numerics.idas import Tolerances
 from heavebond.numerics.initialise import Start, start
-from heavebond.numerics.output_times import Time
+from heavebond.numerics.output_times import Time, with_begin
 from heavebond.numerics.physical_limits import LimitPassed, resolved
 from heavebond.numerics.pointwise import evaluated
 from heavebond.numerics.result import Result, columns
@@ -51,14 +51,16 @@ T = TypeVar("T")
 
 @cancellable
 def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every: Time | None = None,
-             parameters: Mapping[str, float | str] | None = None, also: Iterable[str] = (),
+             begin: Time | None = None, parameters: Mapping[str, float | str] | None = None, also: Iterable[str] = (),
              sensitivities: Iterable[str] = (), rtol: float = 1e-8, atol: float = 1e-10,
              solver: str | None = None, allow_fmu: bool = False) -> Result:
-    """Simulate a diagram from 0 to `until`, with an output point every `every`.
+    """Simulate a diagram from `begin` to `until`, with an output point every `every`.
 
     Integrates x' = f(t, x, z), 0 = g(t, x, z) from consistent initial values; all signals of the result have shape (N,).
-    Times are in s or text (`"2 min"`) and default to `simulate:` of the diagram; `parameters` overrides values by name,
-    in SI or as text with a unit. `also` names positions that no equation uses; `sensitivities` names parameters for
+    Times are in s or text (`"2 min"`) and default to `simulate:` of the diagram (`from:` for `begin`, else 0 s);
+    `parameters`
+    overrides values by name, in SI or as text with a unit. `also` names positions that no equation uses; `sensitivities`
+    names parameters for
     `result.sensitivity`. The error of each step is controlled to `rtol` and to `atol` times the nominal size of each
     unknown. `solver` is idas, cvodes, rosenbrock or auto (see `solvers` and `run_by_auto`), by default that of the
     diagram, else auto. FMUs are executed with `allow_fmu` only. `model` is a
@@ -69,6 +71,8 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
     and SimulationError where the integration fails. Source: A. C. Hindmarsh et al., SUNDIALS, 2005,
     doi:10.1145/1089014.1089020.
     """
+    if begin is not None:
+        model = _with_begin(model, begin, also)
     assembly = assemble(model, also)
     written = assembly.model.solver
     asked = solver or (written.text if written else "auto")
@@ -82,6 +86,13 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
             assembly, times=times, tolerances=simulator.tolerances, allow_fmu=allow_fmu).run(parameters))
     report_verdict(assembly.model.name, result.verdict)
     return result
+
+
+def _with_begin(model: ModelOrFile | Assembly, begin: Time, also: Iterable[str]) -> Model | Assembly:
+    """What begins its runs at another time; an assembly with the parameters that it has."""
+    if not isinstance(model, Assembly):
+        return with_begin(loaded(model), begin)
+    return replace(assemble(with_begin(model.model, begin), also), p=model.p)
 
 
 def _run_as_asked(simulator: Simulator, parameters: Mapping[str, float | str] | None) -> Result:

@@ -16,6 +16,7 @@ from heavebond.core.cancellation import check
 from heavebond.core.errors import HeavebondError, Problem, SimulationError, StartError, UsageError
 from heavebond.core.limits import RATE
 from heavebond.equations.buffered import Buffered
+from heavebond.language.symbols import stack
 from heavebond.numerics.co_simulation import check_allowed
 from heavebond.numerics.dae import Array, Assembly, Factors, Integrand, integrand, newton_loops, substitute_inputs, summed
 from heavebond.numerics.dynamic_state_selection import StateChoice, StateChoices
@@ -35,6 +36,8 @@ from heavebond.numerics.result import ForwardSensitivities, Result, Settle, Stay
 from heavebond.numerics.sizes import SIZES, far_below, fitting_sizes
 from heavebond.numerics.solvers import DEFAULT, RETYPE, Choice, Explicit, Integrator, algebraic_left, chosen, integrator
 from heavebond.numerics.start_equations import Point, StartEquations
+from heavebond.numerics.time_events import clocks_at
+from heavebond.numerics.time_search import rounding
 from heavebond.numerics.trace import Frame, Points, Trace
 
 ASIDE = 1e-3  # of each state's nominal size: how far from the start its stiffness is felt
@@ -71,19 +74,15 @@ class Simulator:
         self.quadratures, self.factors = quadratures, factors
         self.start_equations = assembly.once("start", lambda: StartEquations(assembly))
         self.integrals = 0 if quadratures is None else quadratures.numel() * (1 + len(self.sensitivities))
-        self.stops = stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
         self.charts = charts = StateChoices(assembly)
         self.dense = dense and self._may_be_dense
-        if self.dense and not (assembly.flat.events or charts.needed):
-            self.stops = refined(stops, len(assembly.x_nominal) * (1 + len(self.sensitivities)) + self.integrals)
-        self._points = len(stops)
-        self.longest, self._felt = 0.0, None
-        self._limit_steps(assembly)
         self.solver: Choice = chosen(solver, assembly, charts.needed)
+        self._felt, self.longest, self.kinks, self.unknown_forcing = None, 0.0, np.zeros(0), ()
+        self._place_stops()
+        self._limit_steps(assembly.p)
         self.prepare()
         self._known_slopes: dict[int, ca.Function] = {}
-        self._keep = np.searchsorted(self.stops, self.time)
-        self.switching = self._switching(charts) if assembly.flat.events or charts.needed else None
+        self.switching = self._switching(charts) if self._cut else None
 
     @property
     def _may_be_dense(self) -> bool:
@@ -95,27 +94,62 @@ class Simulator:
         self.integrator = self._integrator()
 
     longest: float  # of a step, in s; 0 for no limit
-    _felt: Array | None  # the parameters that it was found with
+    kinks: Array  # instants at which functions of time make the integrator stop, in s
+    keeps_shortest = True  # the shortest limit of the runs so far holds for all further ones
+    unknown_forcing: tuple[str, ...]  # functions of time without a bound
+    _felt: Array | None  # the parameters that these were found with
 
-    def _limit_steps(self, assembly: Assembly) -> bool:
-        """Find the longest step that no prescribed function of time is passed over with at the parameters of an assembly;
-        whether it is much shorter than the one before."""
+    def _limit_steps(self, p: Array) -> bool:
+        """Find the instants and the longest step with which no prescribed function of time is passed over with parameters;
+        whether the integrator has to be built again: for other instants, or for steps that are much shorter."""
         self.forcing: Forcing = self.assembly.once("forcing", lambda: Forcing(self.assembly))
-        felt = self.forcing.felt(assembly.p)
+        felt = self.forcing.felt(p)
         if self._felt is not None and np.array_equal(felt, self._felt):
             return False
         before, self._felt = self.longest, felt
-        found = self.forcing.longest_step(self.time, assembly.p)
-        shorter = found > 0 and (before == 0 or found < FORCING.renewed_below * before)
-        self.longest = found if shorter else before
-        return shorter
+        found = self.forcing.stops(self.time, p)
+        self.unknown_forcing = found.unknown
+        shorter = found.longest > 0 and (before == 0 or found.longest < FORCING.renewed_below * before)
+        self.longest = found.longest if shorter or not self.keeps_shortest else before
+        moved = not np.array_equal(found.times, self.kinks)
+        if moved:
+            self.kinks = found.times
+            self._place_stops()
+        return shorter or moved
+
+    def _place_stops(self) -> None:
+        """The output times, the breaks of measured inputs and the kinks in one order; those that differ by rounding from an
+        output time or a break are it."""
+        stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
+        if len(self.kinks):
+            place = np.clip(np.searchsorted(stops, self.kinks), 1, len(stops) - 1)
+            near = np.where(self.kinks - stops[place - 1] < stops[place] - self.kinks, stops[place - 1], stops[place])
+            same = np.abs(near - self.kinks) <= rounding(near)
+            self.kinks = np.unique(np.where(same, near, self.kinks))
+            stops = np.union1d(stops, self.kinks)
+        self._points = len(stops)
+        if self.dense and not self._cut:
+            stops = refined(stops, len(self.assembly.x_nominal) * (1 + len(self.sensitivities)) + self.integrals)
+        self.stops, self._keep = stops, np.searchsorted(stops, self.time)
 
     def _renew(self) -> None:
-        """Build the integrator again, for a shorter longest step."""
-        self.__dict__.pop("integrand", None)
+        """Build the integrator again, for other stops or a shorter longest step."""
+        for made in ("integrand", "loops", "_hoist"):
+            self.__dict__.pop(made, None)
         self.prepare()
-        if self.switching is not None:
-            self.switching = self._switching(self.charts)
+        self.switching = self._switching(self.charts) if self._cut else None
+
+    @property
+    def _cut(self) -> bool:
+        """Whether runs are integrated in stretches: a method of several steps takes what it knows from before a kink
+        across."""
+        kinked = len(self.kinks) and self.solver.name != "rosenbrock"
+        return bool(self.assembly.flat.events or self.charts.needed or kinked)
+
+    @property
+    def _counts_kinks(self) -> bool:
+        """Whether the last input of the integrator counts the kinks: a one-step method stops where an input changes."""
+        return len(self.kinks) > 0 and self.solver.name == "rosenbrock"
 
     def change_to_default(self, why: str) -> None:
         """Make all further runs by IDAS."""
@@ -133,7 +167,7 @@ class Simulator:
             return integrator(name, made, looks.grid, self.solver.controlled(self.tolerances), most)
 
         return EventIntegration(charts, self._framed, self.integrals, self.stops, self.inputs, build, self.solver.name,
-                                changes, self.dense)
+                                changes, self.dense, self.kinks)
 
     @cached_property
     def integrand(self) -> Integrand:
@@ -150,8 +184,10 @@ class Simulator:
         return Buffered(self.integrand.hoist)
 
     def _made(self, assembly: Assembly, quadratures: ca.SX | None) -> Integrand:
-        made = integrand(assembly, quadratures, len(self.sensitivities), self._moving(assembly))
-        return replace(summed(made, self.factors), longest=self.longest)
+        made = summed(integrand(assembly, quadratures, len(self.sensitivities), self._moving(assembly)), self.factors)
+        # an integrator stops where an input changes: the last one counts the kinks
+        dae = {**made.dae, "u": stack([made.dae["u"], ca.SX.sym("kinks")])} if self._counts_kinks else made.dae
+        return replace(made, dae=dae, longest=self.longest)
 
     def _moving(self, assembly: Assembly) -> list[int]:
         """The parameters (indices) that move along the sensitivities: also those that follow the start or are held."""
@@ -187,9 +223,15 @@ class Simulator:
         return {"u": self.inputs(times)}
 
     def inputs(self, times: Array) -> Array:
-        """Inputs of the integrator (k, N) at times (N,): pieces of the measured signals, then factors of the quadratures."""
-        pieces = self.pieces.at(times)
-        return pieces if self.factors is None else np.vstack([pieces, np.outer(self.factors.values, np.ones(len(times)))])
+        """Inputs of the integrator (k, N) at times (N,): pieces of the measured signals, then factors of the quadratures,
+        then the
+        number of kinks before, if there are any."""
+        rows = [self.pieces.at(times)]
+        if self.factors is not None:
+            rows.append(np.outer(self.factors.values, np.ones(len(times))))
+        if self._counts_kinks:
+            rows.append(np.searchsorted(self.kinks, times, side="right")[None, :].astype(float))
+        return np.vstack(rows) if len(rows) > 1 else rows[0]
 
     def run(self, parameters: Mapping[str, float | str] | None = None) -> Result:
         """Simulate from the diagram's initial conditions.
@@ -218,6 +260,8 @@ class Simulator:
         if not all(event.by_clock for event in assembly.flat.events):
             raise UsageError([Problem("events-midway", "a run cannot begin midway where a diagram has events: what is held "
                                       "there is not known", None, "Run it from its start.")])
+        if (held := clocks_at(assembly, float(self.time[0]), assembly.p)) is not assembly.p:
+            assembly = replace(assembly, p=held)
         n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
         steps = np.pad(self.tolerances.along * np.eye(n_x), ((0, 0), (len(self.parameters), 0)))  # of scaled states
         assert steps.shape == (n_x, len(self.sensitivities))
@@ -235,7 +279,7 @@ class Simulator:
         """A run; where its unknowns stay far below their nominal sizes and `again` gives its start, with sizes that fit."""
         started = clock.perf_counter()
         with self._turn:
-            if self._limit_steps(assembly):
+            if self._limit_steps(first.p):
                 self._renew()
             found = self._integrate(assembly, first, moved)
             unfit: dict[str, float] = {}
@@ -256,7 +300,8 @@ class Simulator:
         statistics = {"solver": self.solver.name, "why": self.solver.why, "seconds": seconds,
                       "start_steps": first.steps, **found.statistics,
                       **({"sizes": dict(self.assembly.sizes)} if self.assembly.sizes else {}),
-                      **({"unfit": unfit} if unfit else {})}
+                      **({"unfit": unfit} if unfit else {}),
+                      **({"unknown_forcing": self.unknown_forcing} if self.unknown_forcing else {})}
         sizes = self._sizes(moved)
         instants = found.instants if moved is None else tuple(replace(i, delays=i.delays / sizes) for i in found.instants)
         n_q = self.integrals // (1 + len(self.sensitivities))

@@ -4,17 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import casadi as ca
 import numpy as np
 
 from heavebond.core.errors import Problem, SimulationError
 from heavebond.equations.events import FlatEvent
-from heavebond.numerics.dae import Array
+from heavebond.language.symbols import stack
+from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.event_constants import EVENTS
 
 
 def same_instant(begin: float, end: float) -> float:
     """How near to each other two instants of a run are one."""
     return float(max(EVENTS.same_instant * (end - begin), EVENTS.same_roundings * np.spacing(max(abs(begin), abs(end)))))
+
+
+def clocks_at(assembly: Assembly, t: float, p: Array) -> Array:
+    """The parameters with what conditions of the time (see `equations.time_conditions`) hold at a time."""
+    clocks = {held: e for e in reversed(assembly.flat.events) if e.by_clock and (held := e.resets[0].held) is not None}
+    if not clocks:
+        return p
+    time, _, _, symbols, *_ = assembly.arguments
+    truth = assembly.once("clocks", lambda: ca.Function("clocks", [time, symbols], [assembly.express(stack(
+        e.first <= time if e.indicator is None else e.indicator > 0 for e in clocks.values()))]))
+    changed = p.copy()
+    changed[list(clocks)] = np.array(truth(t, p)).ravel()
+    return changed
 
 
 def timetable(events: Sequence[FlatEvent], instants: tuple[Array, Array, Array, Array], begin: float, end: float
@@ -36,7 +51,9 @@ def timetable(events: Sequence[FlatEvent], instants: tuple[Array, Array, Array, 
     for i, event in enumerate(events):
         if i in count:
             _check(event, float(period[i]), end - begin)
-            count[i] = max(0, int(np.ceil((begin - same - first[i]) / period[i])))
+            passed = int(np.ceil((begin - same - first[i]) / period[i]))
+            # without `from:` it is repeated from the start of the run
+            count[i] = passed if event.first.is_zero() else max(0, passed)
             put(i, count[i])
         elif event.indicator is None:
             coming[i] = (float(first[i]), by_first[i]) if first[i] >= begin - same else (begin, np.zeros_like(by_first[i]))

@@ -18,6 +18,7 @@ from heavebond.linear.held_variables import HeldVariable, check_decided, undecid
 from heavebond.linear.linearisation import ModesAtStart
 from heavebond.linear.rest_stability import STABLE, OperatingPointStability, RestStability
 from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.forcing import Forcing
 from heavebond.numerics.output_times import Time, grid, seconds
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulator import Simulator, Tolerances
@@ -90,7 +91,7 @@ class TuningProblem:
     free: Mapping[str, Range]
     cost: str
     limits: tuple[str, ...] = ()
-    begin: float = 0.0
+    begin: float | None = None
     end: float | None = None
     reference: Mapping[str, float | str] | None = None
     cases: tuple[Case, ...] = (Case("diagram", {}),)
@@ -99,20 +100,21 @@ class TuningProblem:
     stable: bool | None = None
 
 
-def tuning_task(free: Mapping[str, Range | str], cost: str, *, limits: Sequence[str] = (), begin: Time = 0.0,
+def tuning_task(free: Mapping[str, Range | str], cost: str, *, limits: Sequence[str] = (), begin: Time | None = None,
                 end: Time | None = None, reference: Mapping[str, float | str] | None = None,
                 cases: Mapping[str, Mapping[str, float | str]] | None = None, stable: bool | None = None) -> TuningProblem:
     """A tuning problem for `tune`: minimise `cost` over the ranges of `free`, such that `limits` hold.
 
     `tuning_task({"controller.K_p": "0 .. 10 1/m"}, "rms(WOB)/1 kN", limits=["peak(extension) < 3 m"], begin="48 s")`.
-    The cost is evaluated from `begin` to `end` (s, or text with a unit; by default to the end of the run) and averaged
+    The cost is evaluated from `begin` to `end` (s, or text with a unit; by default from the start to the end of the run)
+    and averaged
     over `cases`, parameter values by name of the case. `reference` are the parameter values of the run that `ref(...)`
     in the cost refers to. `stable` requires a stable equilibrium: True in any case, None if that can be decided (not with
     samples in a loop). Raises UsageError for a range or a time that cannot be read; `tune` raises it for unknown names and
     wrong units, and where `stable` is True and cannot be decided.
     """
     found = (Case("diagram", {}),) if cases is None else tuple(Case(name, dict(values)) for name, values in cases.items())
-    return TuningProblem(ranges(free), cost, tuple(limits), seconds(begin, "begin"),
+    return TuningProblem(ranges(free), cost, tuple(limits), None if begin is None else seconds(begin, "begin"),
                          None if end is None else seconds(end, "end"), reference, found, stable=stable)
 
 
@@ -141,22 +143,25 @@ class Objective:
 
     def __init__(self, assembly: Assembly, task: TuningProblem):
         self.assembly, self.task = assembly, task
+        self.begin = assembly.begin if task.begin is None else task.begin  # of what is evaluated
         self.names = list(task.free)
         check_free(assembly, task)
         self.low = np.array([task.free[n].low for n in self.names])
         self.span = np.array([task.free[n].high - task.free[n].low for n in self.names])
         end = task.end if task.end is not None else float(grid(assembly.model, None, None)[-1])
-        if not 0 <= task.begin < end:
-            raise UsageError([Problem("evaluate-empty", f"nothing lies between {task.begin:g} s and {end:g} s", None,
+        first, begin = assembly.begin, self.begin
+        if not first <= begin < end:
+            raise UsageError([Problem("evaluate-empty", f"nothing lies between {begin:g} s and {end:g} s", None,
                                       "Evaluate from an earlier time, or simulate longer.")])
-        self.times = np.unique([0.0, task.begin, end])
+        self.times = np.unique([first, begin, end])
         self.costs = [read_cost(assembly, task.cost), *(read_limit(assembly, t) for t in task.limits)]
         for cost in self.costs:
             check_smooth(cost)
         # The way back begins anew at every break of a measured input, which costs more than it saves, and does not go
-        # through events.
+        # through events or kinks of functions of time.
+        forcing: Forcing = assembly.once("forcing", lambda: Forcing(assembly))
         self.backwards = len(self.names) >= 2 * len(self.costs) + OBJECTIVE.forward_up_to \
-            and not (assembly.flat.inputs or assembly.flat.events)
+            and not (assembly.flat.inputs or assembly.flat.events or len(forcing.stops(self.times, assembly.p).times))
         self.runs, self.simulations = 0, 0.0
         self._growth: dict[bytes, float] = {}
         weights = np.array([case.weight for case in task.cases])
@@ -175,7 +180,7 @@ class Objective:
 
     def _case(self, case: Case, assembly: Assembly) -> RunCase:
         reference = assembly.with_parameters(dict(self.task.reference or {}))
-        evaluator = Evaluator(assembly, self.costs, float(self.task.begin), float(self.times[-1]), named=tuple(self.names),
+        evaluator = Evaluator(assembly, self.costs, self.begin, float(self.times[-1]), named=tuple(self.names),
                               modes=self.task.modes)
         if evaluator.integrated:
             self._count(1)
@@ -362,7 +367,7 @@ class Objective:
             with suppress(SimulationError, StartError, UsageError):  # then the slopes at rest and while sliding must do
                 rest = machine.at(values)
                 if rest is not None and len(rest.variants) > 1:
-                    times = np.union1d(np.linspace(self.task.begin, self.times[-1], OBJECTIVE.slope_points), [0.0])
+                    times = np.union1d(np.linspace(self.begin, self.times[-1], OBJECTIVE.slope_points), self.times[:1])
                     run = Simulator(machine.assembly, times=times, tolerances=TOLERANCES).run(dict(values))
                     self._count(1)
                     machine.shares = slopes_over(machine.assembly, machine.frictions, run)

@@ -22,6 +22,7 @@ from heavebond.language.definition import FileInput
 from heavebond.language.model import Model, find, load_beside
 from heavebond.language.sections import read_settings
 from heavebond.linear.rest_stability import STABLE
+from heavebond.numerics.output_times import begin_of
 from heavebond.optimise.objective import Case, TuningProblem
 from heavebond.optimise.search import METHODS
 from heavebond.studies.axes import Axis, StudyCase, case_at, indices, read_axes, read_numbers
@@ -231,6 +232,7 @@ def _study(source: Source, model: Model, problems: Problems) -> Study:
     root, items = source.root, source.root.items
     axes = read_axes(items.get("cases"), source, problems)
     begin, end = _window(items.get("evaluate"), "evaluate", problems)
+    begin = begin_of(model) if begin is None else begin
     reference = _values(items.get("reference"), source, problems)
     modes = _values(items["modes"], source, problems) if "modes" in items else None
     measures = _measures(items.get("measure"), problems)
@@ -239,7 +241,7 @@ def _study(source: Source, model: Model, problems: Problems) -> Study:
     procedures: tuple[Procedure, ...] = ()
     if entry is not None:
         reading.known_keys(entry, TUNE_KEYS, "tune", problems, required=("free", "cost"))
-        task = _task(entry, source, (begin or 0.0, end), reference, modes or {}, problems)
+        task = _task(entry, source, (begin, end), reference, modes or {}, problems)
         procedures = _procedures(entry.items.get("by"), source, task, problems)
     tuned = (*task.free, COST, SIMULATIONS) if task is not None else ()
     for name in set(measures) & set(tuned):
@@ -248,7 +250,7 @@ def _study(source: Source, model: Model, problems: Problems) -> Study:
     places = {key: item.place for key, item in (entry.items if entry else {}).items()}
     beside = read_beside(items.get("compare_with"), axes, [*measures, *tuned], problems)
     return Study(reading.text(items["study"], "study", problems), reading.text(items.get("summary"), "summary", problems),
-                 source.path, model, axes, begin or 0.0, end, reference, modes, task, procedures, measures,
+                 source.path, model, axes, begin, end, reference, modes, task, procedures, measures,
                  beside, _pictures(items.get("pictures"), axes, [*measures, *tuned], problems),
                  _calibration(items.get("calibrate"), beside, problems),
                  places={**places, "study": root.place, "calibrate": items.get("calibrate", root).place})

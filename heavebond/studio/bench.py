@@ -152,8 +152,8 @@ def _checked(model: Model, problems: Problems) -> Assembly | None:
         u = None
         if assembly.flat.inputs:
             times = grid(model, None, None)
-            u = pieced(assembly.flat, 0.0, float(times[-1])).at(np.zeros(1))[:, 0]
-        start(assembly, 0.0, u)
+            u = pieced(assembly.flat, float(times[0]), float(times[-1])).at(times[:1])[:, 0]
+        start(assembly, None, u)
     except HeavebondError as error:
         problems.extend(error)
     return assembly

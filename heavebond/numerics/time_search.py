@@ -1,0 +1,231 @@
+"""Search of functions of time alone: where they change their sign, and where they move too shortly for the output points.
+
+Both searches divide intervals of time until interval bounds decide. An interval in which no zero can lie, or in which a
+function differs by less than a tolerance from a constant (by its range) or from a straight line (by its second derivative),
+is not divided further. R. E. Moore, R. B. Kearfott, M. J. Cloud, Introduction to Interval Analysis, SIAM, 2009, chapter 8.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.language.symbols import stack
+from heavebond.numerics.dae import Array
+from heavebond.numerics.interval_functions import bounds_function
+
+
+@dataclass(frozen=True)
+class TimeSearchConstants:
+    """The constants of the searches.
+
+    share: excursion of a function from the straight line between two output points, over its range, from which on it is
+        searched for. Origin: that of the limit of the steps (`forcing.FORCING`). Doubled: smaller short motions are passed
+        over.
+    narrow: share of an output interval below which the motion is too short for the output points. Origin: an interval of a
+        twentieth of the width of a bell holds its excursion. Doubled: sines with few output points a period are cut, too.
+    most_intervals: intervals that are looked at in one search. Origin: a tenth of a second. Doubled: the search of a
+    function
+        whose bounds are wide takes twice as long.
+    roundings: distance in units of rounding within which two times are one. Origin: the rounding of an instant that is
+        computed from parameters in two or three operations. Doubled: no change to be seen.
+    best_first: number of intervals from which on the widest ranges are divided first. Origin: the range of a function
+        becomes known early, and with it the tolerance. Doubled: more intervals before the range is known.
+    most_stops: points of short motions above which the steps are limited in their place. Origin: at each point an integrator
+        begins anew, which takes some ten steps. Doubled: a fast sine with few output points takes up to twice as long.
+    most_steps: steps that a limit may ask for in a run. Origin: a minute of processor time. Doubled: twice that.
+    """
+
+    share: float = 0.05
+    narrow: float = 0.125
+    most_intervals: int = 50_000
+    roundings: int = 8
+    best_first: int = 64
+    most_stops: int = 1000
+    most_steps: int = 5_000_000
+
+
+TIME_SEARCH = TimeSearchConstants()
+
+
+@dataclass(frozen=True)
+class Instants:
+    """Times (n,) that a search gave, and the rows for which it was not complete."""
+
+    times: Array
+    unknown: NDArray[np.intp]
+
+
+NOTHING = Instants(np.zeros(0), np.zeros(0, dtype=np.intp))
+
+
+class Course:
+    """A function of time f(t, p) of m rows, with interval bounds of its values and derivatives."""
+
+    def __init__(self, time: ca.SX, p: ca.SX, rows: list[ca.SX]):
+        self.m, self._rows, self._given = len(rows), rows, [time, p]
+        self._value = ca.Function("value", self._given, [stack(rows)])
+        self._bounds: dict[int, ca.Function] = {}  # of the derivatives by their order, as far as they were asked for
+
+    def texts(self, rows: NDArray[np.intp]) -> list[str]:
+        """Rows as they are written, with the names of their parameters."""
+        return [str(self._rows[k]) for k in rows]
+
+    def at(self, times: Array, p: Array) -> Array:
+        """The values (m, N) at times (N,)."""
+        return np.array(self._value(times[None, :], p)).reshape(self.m, len(times))
+
+    def bounds(self, order: int, begin: Array, end: Array, p: Array) -> tuple[Array, Array]:
+        """The bounds (m, N) of the derivatives of an order inside of intervals (N,)."""
+        if order not in self._bounds:
+            derivative = stack(self._rows)
+            for _ in range(order):
+                derivative = ca.jtimes(derivative, self._given[0], ca.SX(1))
+            self._bounds[order] = bounds_function(ca.Function("f", self._given, [ca.cse(ca.densify(derivative))]))
+        inset = np.minimum(rounding(end), (end - begin) / 4)
+        low, high = (np.array(b).reshape(self.m, len(begin)) for b in
+                     self._bounds[order]((begin + inset)[None, :], (end - inset)[None, :], p))
+        return np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high)
+
+
+def rounding(times: Array) -> Array:
+    """The distance within which two times are one."""
+    return np.asarray(TIME_SEARCH.roundings * np.spacing(np.abs(times)))
+
+
+def sign_changes(course: Course, p: Array, edges: Array) -> Instants:
+    """The times at which one of the functions changes its sign between the first and the last of the edges (n,), to
+    rounding.
+    Kinks that are known are given as edges."""
+    m, found = course.m, list[Array]()
+    begin, end = (np.tile(e, m) for e in (edges[:-1], edges[1:]))
+    row = np.repeat(np.arange(m), len(edges) - 1)
+    unknown, spent = np.zeros(0, dtype=np.intp), 0
+    while len(row):
+        spent += len(row)
+        if spent > TIME_SEARCH.most_intervals:
+            unknown = np.unique(row)
+        (low, high), (falls, rises) = course.bounds(0, begin, end, p), course.bounds(1, begin, end, p)
+        k = np.arange(len(row))
+        low, high, falls, rises = low[row, k], high[row, k], falls[row, k], rises[row, k]
+        first, last = course.at(begin, p)[row, k], course.at(end, p)[row, k]
+        zero = (low <= 0) & (high >= 0) & ((low < 0) | (high > 0))
+        changes = np.sign(first) != np.sign(last)
+        small = end - begin <= 2 * rounding(end)
+        single = (falls > 0) | (rises < 0) | small | bool(len(unknown))
+        found.append(_bisected(course, p, row[zero & single & changes], begin[zero & single & changes],
+                               end[zero & single & changes]))
+        left = zero & ~single
+        middle = (begin[left] + end[left]) / 2
+        begin, end = np.append(begin[left], middle), np.append(middle, end[left])
+        row = np.append(row[left], row[left])
+    return Instants(np.concatenate(found), unknown)
+
+
+def straight_sign_changes(course: Course, p: Array, edges: Array) -> Array:
+    """The edges (n,) and the times between them at which one of the functions changes its sign, where these are straight
+    lines
+    between all of them: those found may be kinks of others."""
+    while True:
+        row, k = np.nonzero(np.diff(np.sign(course.at(edges, p)), axis=1))
+        found = _bisected(course, p, row, edges[k], edges[k + 1])
+        joined = np.union1d(edges, found)
+        joined = joined[np.diff(joined, prepend=-np.inf) > rounding(joined)]
+        if len(joined) == len(edges):
+            return edges
+        edges = joined
+
+
+def _bisected(course: Course, p: Array, row: NDArray[np.intp], begin: Array, end: Array) -> Array:
+    """Where each function `row` changes its sign between begin and end: the first time at which it has done so."""
+    if not len(row):
+        return np.zeros(0)
+    k, sign = np.arange(len(row)), np.sign(course.at(begin, p)[row, np.arange(len(row))])
+    while True:
+        middle = begin + (end - begin) / 2
+        if np.all((middle <= begin) | (middle >= end)):
+            return end
+        before = np.sign(course.at(middle, p)[row, k]) == sign
+        begin, end = np.where(before, middle, begin), np.where(before, end, middle)
+
+
+@dataclass(frozen=True)
+class Narrow:
+    """The times (n,) at which short motions are to be met, the longest step (s; 0: no limit) with which those are not
+    passed over that were not found in time, and the rows for which there is neither."""
+
+    times: Array
+    longest: float
+    unknown: NDArray[np.intp]
+
+
+def short_motions(course: Course, p: Array, times: Array, edges: Array) -> Narrow:
+    """The motions of functions that are shorter than the intervals between the output times (N,); the functions are smooth
+    between the edges (n,)."""
+    interval = float(np.median(np.diff(times)))
+    samples = course.at(times, p)
+    least, most = samples.min(axis=1, initial=np.inf, where=np.isfinite(samples)), samples.max(
+        axis=1, initial=-np.inf, where=np.isfinite(samples))
+    begin, end = edges[:-1], edges[1:]
+    low, high = course.bounds(2, begin, end, p)
+    bend = np.maximum(-low, high).max(axis=1)
+    rows = np.flatnonzero(~(bend * interval**2 / 8 <= TIME_SEARCH.share * (most - least)))
+    if not len(rows):
+        return Narrow(np.zeros(0), 0.0, rows)
+    mesh, spent, longest, unknown = [edges], 0, np.inf, np.zeros(0, dtype=np.intp)
+    while len(begin):
+        spent += len(begin)
+        (low, high), (down, up) = course.bounds(0, begin, end, p), course.bounds(2, begin, end, p)
+        middle = begin + (end - begin) / 2
+        values = course.at(middle, p)
+        values = np.where(np.isfinite(values), values, (least + most)[:, None] / 2)
+        least, most = np.minimum(least, values.min(axis=1)), np.maximum(most, values.max(axis=1))
+        allowed = TIME_SEARCH.share * (most - least)[:, None]
+        width, bend = (high - low)[rows], np.maximum(-down, up)[rows]
+        flat = np.isfinite(width) & (width <= np.maximum(allowed[rows], 1e-12 * np.maximum(np.abs(low), np.abs(high))[rows]))
+        done = (flat | (bend * (end - begin)**2 / 8 <= allowed[rows])).all(axis=0) | (end - begin <= 4 * rounding(end))
+        left = np.flatnonzero(~done)
+        if spent > TIME_SEARCH.most_intervals and len(left):
+            worst = bend[:, left].max(axis=1)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                limits = np.sqrt(8 * allowed[rows, 0] / worst)
+            bounded = np.isfinite(worst) & (limits * TIME_SEARCH.most_steps > times[-1] - times[0])
+            open_rows = ~flat[:, left].all(axis=1)
+            longest, unknown = float(limits[bounded & open_rows].min(initial=np.inf)), rows[~bounded & open_rows]
+            break
+        if len(left) > TIME_SEARCH.best_first:
+            widest = np.where(np.isfinite(width[:, left]), width[:, left], np.inf).max(axis=0)
+            now = widest >= 0.5 * widest.max() if np.isfinite(widest.max()) else ~np.isfinite(widest)
+        else:
+            now = np.ones(len(left), dtype=bool)
+        split, wait = left[now], left[~now]
+        mesh.append(middle[split])
+        begin, end = (np.concatenate(parts) for parts in ((begin[wait], begin[split], middle[split]),
+                                                          (end[wait], middle[split], end[split])))
+    stops = _hidden(course, p, times, np.unique(np.concatenate(mesh)), rows, most - least)
+    finest = float(np.diff(stops).min(initial=np.inf))
+    if len(stops) > TIME_SEARCH.most_stops and finest * TIME_SEARCH.most_steps > times[-1] - times[0]:
+        stops, longest = stops[:0], min(longest, finest)
+    return Narrow(stops, longest if np.isfinite(longest) else 0.0, unknown)
+
+
+def _hidden(course: Course, p: Array, times: Array, mesh: Array, rows: NDArray[np.intp], ranges: Array) -> Array:
+    """The points of a mesh in those output intervals in which a function leaves the straight line between both ends, and
+    in which the mesh is much finer than the output times."""
+    inner = mesh[(mesh > times[0]) & (mesh < times[-1])]
+    if not len(inner):
+        return np.zeros(0)
+    place = np.clip(np.searchsorted(times, inner, side="right") - 1, 0, len(times) - 2)
+    values, ends = course.at(inner, p)[rows], course.at(times, p)[rows]
+    share = (inner - times[place]) / (times[place + 1] - times[place])
+    chord = ends[:, place] * (1 - share) + ends[:, place + 1] * share
+    away = (np.abs(values - chord) > TIME_SEARCH.share * ranges[rows, None]).any(axis=0)
+    gaps = np.diff(inner, prepend=-np.inf, append=np.inf)
+    fine = np.minimum(gaps[:-1], gaps[1:]) <= TIME_SEARCH.narrow * (times[place + 1] - times[place])
+    met = np.zeros(len(times), dtype=np.int8)
+    met[place[away]] |= 1
+    met[place[fine]] |= 2
+    return np.asarray(inner[met[place] == 3])
