@@ -201,7 +201,7 @@ def test_a_crown_hundreds_of_kilometres_behind_its_end_stop_does_not_end_as_fine
     assert "chamber.p falls below -1.0132 bar at 0.002881 s [run-physical]" in said.stderr  # 36.013 bar at 12500 bar/s
     said, told = command(tmp_path, CROWN.replace("-100 L/min", "0 L/min"))
     assert said.exit_code == 0
-    assert said.stderr.startswith("warning: crown.x goes to") and said.stderr.count("\n") == 1
+    assert said.stderr.startswith("warning: crown.x (crown.v too) goes to") and said.stderr.count("\n") == 1
     crown = next(f for f in findings(told) if f["name"] == "crown.x")
     assert crown["kind"] == "larger" and crown["value"] == pytest.approx(4.29e5, rel=0.01)
     shut = CROWN.replace("c: 5 N/m, d: 50", "c: 50 MN/m, d: 500").replace("-100 L/min", "0 L/min")
