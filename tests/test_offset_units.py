@@ -166,8 +166,8 @@ def test_a_measure_of_a_difference_is_an_interval(tmp_path: Path) -> None:
     # highest and lowest are at the ends, within the error of the run
     assert found.value(outcome, "swing") == pytest.approx(60*(1 - 1/np.e), abs=1e-3)
     assert found.value(outcome, "end") == pytest.approx(20 + 60/np.e, abs=1e-3)
-    t = np.linspace(0, 1, 47)  # the output points
-    spread = np.std(60*np.exp(-t))
+    # the standard deviation of 60 exp(-t) over 0 to 1
+    spread = 60*np.sqrt((1 - np.exp(-2))/2 - (1 - np.exp(-1))**2)
     # the same samples, within the error of the run
     assert found.value(outcome, "spread") == pytest.approx(1.8*spread, rel=1e-4)
     assert found.units["swing"].offset == found.units["spread"].offset == 0
