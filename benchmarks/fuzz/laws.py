@@ -64,6 +64,7 @@ components:
   source: {{is: {source}}}
   lag: {{is: FirstOrderLag, T_1: {lag}}}
 nodes: {{command: [source.y, lag.u]}}
+initial: {{lag.y: 0}}
 simulate: {{until: {until}, every: {float(until.split()[0]) / 100!r} {until.split()[1]}}}
 """
 
@@ -73,6 +74,7 @@ def _formula(text: str, until: str, lag: str = "0.2 s") -> str:
 model: lagged
 components:
   lag: {{is: FirstOrderLag, T_1: {lag}, u: "={text}"}}
+initial: {{lag.y: 0}}
 simulate: {{until: {until}, every: {float(until.split()[0]) / 100!r} {until.split()[1]}}}
 """
 

@@ -87,7 +87,7 @@ class Machine(Reference):
 
     def run(self, assembly: Assembly, times: Array, parameters: Mapping[str, float] | None = None) -> Result:
         """A run at the tolerances of a user."""
-        return Simulator(assembly, times=times).run(parameters)
+        return Simulator(assembly, times=times, dense=True).run(parameters)
 
     def same(self, relation: str, values: Mapping[str, Array], *results: Result, least: float = SHARE) -> Compared:
         """Whether signals by name agree with those of the diagram itself."""
@@ -257,17 +257,14 @@ def extremes(machine: Machine, variant: int) -> Compared:
     if machine.until < len(machine.times):
         return Compared(name, "not applicable", "sensitive")
     shown = [n for n in machine.names if n in machine.assembly.state_names]
+    found, reference = few.figures(shown), machine.plain.figures(shown)
     for n in shown:
-        for which, pick in (("largest", max), ("smallest", min)):
-            off = abs(extreme(few, n, pick) - extreme(machine.plain, n, pick)) / machine.sizes[n]
+        for which in ("most", "least"):
+            one, other = getattr(found[n], which), getattr(reference[n], which)
+            off = abs(one - other) / machine.sizes[n]
             if off > PEAK:
                 return Compared(name, "different", f"{which} {n} differs by {off:.2g} of its size", len(shown))
     return Compared(name, "same", "", len(shown))
-
-
-def extreme(result: Result, name: str, pick: Callable[[Array], Any]) -> float:
-    """The largest or smallest value of a signal, also between the output points where a run knows these."""
-    return float(pick(getattr(result, "dense", result).si[name]))
 
 
 SHIFTED = {"Step": ("t_s",), "Pulse": ("t_s",), "Ramp": ("t_s", "t_e"), "SquareWave": ("t_s",)}
