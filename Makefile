@@ -4,8 +4,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 # installed once, and again when the dependencies change
 READY := $(VENV)/.ready
+# versions of all packages, so that every machine has the same environment; `make CONSTRAINTS=` takes the newest ones
+CONSTRAINTS ?= .ci/constraints.txt
+# files with tests marked `long`: the others need not be read for `make test-long`
+LONG := $(shell grep -l 'mark\.long' tests/test_*.py)
 
-.PHONY: demo quick test test-long test-slow coverage lint types pages docs bench scaling fuzz mutants false-alarms confusion detectability compensator clean
+.PHONY: demo quick lowest test test-long test-slow coverage lint types pages docs bench scaling fuzz mutants false-alarms confusion detectability compensator clean
 
 demo: $(READY)
 	$(BIN)/heavebond demo --output demo
@@ -16,7 +20,7 @@ test: $(READY)
 
 # what the continuous integration runs beside `make test`: the pages' blocks, whole studies and diagnoses
 test-long: $(READY)
-	$(BIN)/python -m pytest -n logical --dist worksteal -m "long and not slow"
+	$(BIN)/python -m pytest -n logical --dist worksteal -m "long and not slow" $(LONG)
 
 # under a minute: language, units, structure, start, verdict, and the library beside its formulas
 QUICK := expression units lists language names medium grounding incidence states newton corners quick signals saved \
@@ -24,6 +28,13 @@ QUICK := expression units lists language names medium grounding incidence states
 	output_files presentation painting cmc_ahc library_*
 quick: $(READY)
 	$(BIN)/python -m pytest -n logical --dist worksteal -m "not slow and not long" $(foreach name,$(QUICK),tests/test_$(name).py)
+
+# `make quick` with the lowest versions of all dependencies and extras that pyproject.toml declares
+lowest:
+	$(MAKE) VENV=.venv-lowest CONSTRAINTS=.venv-lowest.txt quick
+
+.venv-lowest.txt: pyproject.toml tests/lowest.py
+	$(PYTHON) tests/lowest.py > $@
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow
@@ -66,11 +77,11 @@ false-alarms confusion detectability compensator: $(READY)
 	$(BIN)/python -m benchmarks.diagnosis.$(subst -,_,$@)
 	$(BIN)/python -m benchmarks.diagnosis.page
 
-$(READY): pyproject.toml
+$(READY): pyproject.toml $(CONSTRAINTS)
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "heavebond needs Python 3.11 or newer; say which one with: make PYTHON=python3.11 ...")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(if $(CONSTRAINTS),--constraint $(CONSTRAINTS)) --editable '.[dev]'
 	@touch $(READY)
 
 clean:
-	rm -rf $(VENV) demo site .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) .venv-lowest .venv-lowest.txt demo site .pytest_cache .mypy_cache .ruff_cache

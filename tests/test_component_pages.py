@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import runpy
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -14,20 +15,20 @@ from heavebond.text.tex import equation_tex, formula_tex, symbol_tex, text_tex
 
 COMMITTED = Path(__file__).parent.parent / "docs" / "components"
 SCRIPT = runpy.run_path(str(COMMITTED.parent / "component_pages.py"))
-MADE = SCRIPT["pages"]()
+made = cache(SCRIPT["pages"])
 
 
 def test_the_committed_pages_are_those_of_the_files() -> None:
     """`make pages` writes them anew."""
     there = {path.relative_to(COMMITTED).as_posix(): path.read_text("utf-8")
              for path in COMMITTED.rglob("*") if path.is_file()}
-    assert sorted(there) == sorted(MADE), "run `make pages`"
-    stale = [name for name, text in MADE.items() if there[name] != text]
+    assert sorted(there) == sorted(made()), "run `make pages`"
+    stale = [name for name, text in made().items() if there[name] != text]
     assert not stale, "run `make pages`"
 
 
 def test_a_page_tells_restrictions_first_and_everything_that_the_file_says() -> None:
-    page = MADE["pneumatic/receiver_with_heat.md"]
+    page = made()["pneumatic/receiver_with_heat.md"]
     parts = ["**Restrictions.** Ideal gas", "## Ports and signs", "$H_{a}$ enthalpy flow into the component (W)",
              r"\frac{V}{\kappa - 1} \, \dot{p}_{a} &= H_{a} - Q && \text{energy balance} \\", "## Energy",
              r"\text{stored energy}\quad & \frac{p_{a} \, V}{\kappa - 1}", "heat to the walls leaves through no port",
@@ -39,11 +40,11 @@ def test_a_page_tells_restrictions_first_and_everything_that_the_file_says() -> 
 
 
 def test_blocks_events_and_dormant_effects_have_their_words() -> None:
-    assert "`sample` happens again and again, every `T_s`" in MADE["signal/sample_hold.md"]
+    assert "`sample` happens again and again, every `T_s`" in made()["signal/sample_hold.md"]
     assert "Dormant inside: **entrained air**, `air`, absent at 0, sought from 0 to 0.05; it wakes with `n_air`." \
-        in MADE["hydraulic/cylinder.md"]
-    assert "[Spring](translational/spring.md)" in MADE["index.md"]
-    assert "| ![](spring.svg) | [Spring](spring.md) | Linear translational spring. |" in MADE["translational/index.md"]
+        in made()["hydraulic/cylinder.md"]
+    assert "[Spring](translational/spring.md)" in made()["index.md"]
+    assert "| ![](spring.svg) | [Spring](spring.md) | Linear translational spring. |" in made()["translational/index.md"]
 
 
 @pytest.mark.parametrize(("written", "tex"), [
@@ -88,10 +89,10 @@ def test_the_command_writes_pages_and_leaves_other_files_alone(tmp_path: Path) -
     (tmp_path / "mine.md").write_text("# My own page\n")
     gone = tmp_path / "hydraulic" / "gone.md"
     gone.parent.mkdir()
-    gone.write_text(MADE["index.md"])
+    gone.write_text(made()["index.md"])
     gone.with_suffix(".svg").write_text("<svg/>")
-    assert SCRIPT["write_pages"](tmp_path) == sum(name.endswith(".svg") for name in MADE)
-    assert (tmp_path / "pneumatic" / "receiver.md").read_text("utf-8") == MADE["pneumatic/receiver.md"]
+    assert SCRIPT["write_pages"](tmp_path) == sum(name.endswith(".svg") for name in made())
+    assert (tmp_path / "pneumatic" / "receiver.md").read_text("utf-8") == made()["pneumatic/receiver.md"]
     assert (tmp_path / "mine.md").exists()
     assert not gone.exists() and not gone.with_suffix(".svg").exists()
 
