@@ -116,7 +116,7 @@ no effect of class 'dry' fits in this diagram [class-unknown]
 'found.txt' does not end in .html [file-suffix]
   Write for example found.html.
 """),
-    (("ladder", "passive_rig/friction", "receiver_rig/choked"), """\
+    (("errors", "passive_rig/friction", "receiver_rig/choked"), """\
 choked.yaml and friction.yaml have different records or channels, so their errors cannot be compared [ladder-records]
   Let the later experiments `extends:` the first one.
 """),

@@ -395,7 +395,7 @@ def test_delay_and_lag() -> None:
 
 
 def test_a_rate_is_limited() -> None:
-    found = passed("RateLimit, r_max: 3 V/s", "3 V")
+    found = passed("RateLimit, r_max: 3 V/s", "3 V", "law.y: 0 V")
     rising = (found.time > 0.1) & (found.time < 0.9)
     assert np.gradient(found["out"], found.time)[rising] == pytest.approx(3, rel=1e-3)
     assert found["out"][-1] == pytest.approx(3, rel=1e-4)

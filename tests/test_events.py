@@ -475,7 +475,7 @@ def test_what_cannot_go_through_events_says_so(folder: Path) -> None:
         Simulator(assembly, free_start=True).run_from(np.zeros(2))
     with pytest.raises(hb.UsageError, match=r"'initial\.step\.switched'"):
         hb.simulate(assembly, parameters={"step.switched": 1})
-    with pytest.raises(hb.SimulationError, match=r"'hold\.sample' would happen every -1 s"):
+    with pytest.raises(hb.ModelError, match=r"hold\.T_s = T, that is -1 s, is not allowed"):
         hb.simulate(built(SAMPLED, folder), parameters={"T": -1})
 
 

@@ -42,7 +42,7 @@ def test_a_diagram_is_run_and_its_signals_are_found_by_clicking(tab: browser.Tab
     tab.key("Enter", ctrl=True, code=13)
     tab.wait("studio.runs.live && !studio.runs.busy && studio.runs.plots.charts.length > 0")
     result = hb.simulate(hb.load(server.folder / "car.yaml"))
-    assert tab.run("studio.runs.live.told.outputs.comfort.max") == result.display["comfort"].max()  # to the last digit
+    assert tab.run("studio.runs.live.told.outputs.comfort.max") == result.figures(["comfort"])["comfort"].most  # to the last digit
     tab.click("g.part[data-part='damper'] .frame")
     tab.wait("document.querySelector('#panel').innerText.includes('Viscous damper')")
     assert tab.run("document.getElementById('p-damper.d').value") == "1.5 kN*s/m"
@@ -117,7 +117,7 @@ def test_a_slider_runs_while_it_moves_and_runs_are_laid_over_each_other(tab: bro
     value = tab.run("studio.runs.values['damper.d']")
     assert value.endswith(" kN*s/m") and float(value.split()[0]) > 2
     result = hb.simulate(hb.load(server.folder / "car.yaml").with_parameters({"damper.d": value}))
-    assert tab.run("studio.runs.live.told.outputs.suspension.max") == result.display["suspension"].max()
+    assert tab.run("studio.runs.live.told.outputs.suspension.max") == result.figures(["suspension"])["suspension"].most
     now = tab.run("studio.runs.plots.charts[0].series.filter(s => s.label?.includes('now')).length")
     assert tab.run("studio.runs.plots.charts[0].series.length") == 1 + 2 * now
     tab.run("document.getElementById('s-damper.d').focus()")

@@ -19,6 +19,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem, SimulationError, either
 from heavebond.numerics.dae import Array, Integrand
 from heavebond.numerics.dynamic_state_selection import STATE_SELECTION, StateChoice, StateChoices, columns_of
@@ -202,6 +203,7 @@ class EventIntegration:
             record.steps = counted
             record.keep(now, even, inner, unknowns)
             return
+        check()
         record.keep(now, times, y[:, :reached], z[:, :reached])
 
     def _parts(self, looks: Looks, length: float, steps: int) -> int:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from heavebond.core.cancellation import check
 from heavebond.core.errors import StartError
 from heavebond.language.symbols import uniform
 from heavebond.numerics import mechanism_messages, start_messages
@@ -189,6 +190,7 @@ class StartSearch:
         try:
             whole = self._settle(found.y)
         except StartError:
+            check()
             return y
         self.of_components, self.steps = True, self.steps + found.steps
         return whole

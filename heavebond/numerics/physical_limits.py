@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem, SimulationError
 from heavebond.equations.resolver import Unknown
 from heavebond.numerics.dae import Array, Assembly
@@ -109,5 +110,5 @@ def resolved(error: LimitPassed, whole: Array, run: Callable[[Array], Result]) -
     except LimitPassed as finer:
         return result if finer.result is None else replace(result, ended=finer.result.ended)
     except SimulationError:
-        pass
+        check()
     return result

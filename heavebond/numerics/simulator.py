@@ -292,6 +292,7 @@ class Simulator:
                     restarted = again()
                     found = self._integrate(*restarted)
                 except (StartError, SimulationError):  # the run before stands, and its verdict names these unknowns
+                    check()
                     self._take_sizes(before)
                     unfit = fitting
                     break
@@ -562,6 +563,7 @@ class Simulator:
             try:
                 found = again(x0=x[:, 0], z0=z[:, 0], p=p, **self._driven((times[:-1] + times[1:]) / 2))
             except RuntimeError:
+                check()
                 return stops, x, z
         inner = [np.asarray(found[name]).reshape(len(of), len(times) - 1)[:, :-1] for name, of in (("xf", x), ("zf", z))]
         if not np.all(np.isfinite(inner[0])):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from heavebond.core.cancellation import check
 from heavebond.core.errors import StartError
 from heavebond.core.presentation import number, readable
 from heavebond.numerics.dae import Array, Assembly
@@ -71,6 +72,7 @@ def _others(assembly: Assembly, first: Start, u: Array, mode: Array, k: int) -> 
         try:
             end = search.at_rest_from(begin)
         except StartError:
+            check()
             continue
         value, near = float(end[k]) if end is not None else np.nan, SAME_EQUILIBRIUM * float(assembly.x_nominal[k])
         if np.isfinite(value) and all(abs(value - other) > 10 * near for other in (*found, float(first.x[k]))):

@@ -95,7 +95,7 @@ RAN_AWAY = f"Look for {CAUSES}"
 GROWING = f"Look for {CAUSES}; `heavebond modes` shows which components oscillate or run away"
 FRONT = ("behind a front of so few segments the lumped line oscillates, and its peaks are up to 45 % too high. Take about "
          "{} segments in place of {}, or a longer time for the change that causes the front")
-_NUMBER = re.compile(r"_\d+$")
+_NUMBER = re.compile(r"_[0-9]+$")
 NO_VALUE = ("{} has no value there: a root, a power or a logarithm of what is below zero, or a division by 0. Bound its "
             "argument (max(x, 0)), or look at what drives it there")
 OPEN = ("Its equations are at odds with what it states under `stores` and `dissipates`: check their signs. "
