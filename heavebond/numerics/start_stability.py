@@ -27,6 +27,8 @@ def unstable_start(assembly: Assembly, first: Start, u: Array, duration: float) 
     sampled = any(event.period is not None for event in assembly.flat.events)
     if assembly.model.initial.mode != "steady" or sampled or not 0 < len(first.x) <= MOST_STATES:
         return None
+    if assembly.sizes:  # of a run that stays at the equilibrium; a machine that leaves it has its usual sizes
+        assembly = assembly.with_sizes({})
     values, modes = np.linalg.eig(_state_matrix(assembly, first, u))
     if not np.isfinite(values).all():
         return None
