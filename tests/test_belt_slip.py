@@ -64,6 +64,7 @@ def record(path: Path, seed: int) -> None:
     path.write_text("t,torque,n_1,n_2\n" + "".join(",".join(f"{v:.9g}" for v in row) + "\n" for row in columns))
 
 
+@pytest.mark.long
 def test_the_slip_of_a_belt_is_named(tmp_path: Path) -> None:
     (tmp_path / "sander.yaml").write_text(DIAGRAM)
     (tmp_path / "sanded.yaml").write_text(EXPERIMENT)

@@ -57,6 +57,7 @@ def test_pyyaml_reads_the_same_text_from_the_compensator(tmp_path: Path) -> None
                compensator.running(diagram).assembly.flat.expanded.leaves.values())
 
 
+@pytest.mark.long
 def test_the_command_computes_what_the_library_does() -> None:
     assert compensator.process_disagreement() < 1e-9
 

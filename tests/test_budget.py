@@ -74,6 +74,7 @@ def ended_after(looks: Looks, experiment: Experiment, seconds: float) -> tuple[D
     return found, looks.spent - before
 
 
+@pytest.mark.long
 def test_whenever_the_time_ends_the_answer_is_what_is_known(rig: Experiment, looks: Looks) -> None:
     whole, needed = ended_after(looks, rig, float("inf"))
     assert whole.verdict == "effect" and not whole.partial and whole.untried == ()
@@ -107,6 +108,7 @@ def assert_true(found: Diagnosis, whole: Diagnosis) -> None:
         assert not step.partial or f"{len(scored)} of {step.planned} candidates" in words
 
 
+@pytest.mark.long
 def test_a_step_that_is_complete_names_its_effect_although_more_was_not_tried(
         rig: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
     """A damper in place of the friction that is missing explains most, and leaves more than noise; then the time is over."""

@@ -321,6 +321,7 @@ def test_library_suggests() -> None:
 
 
 # -- demo ----------------------------------------------------------------------------------------------------------
+@pytest.mark.long
 def test_demo_tables_and_pictures(folder: Path) -> None:
     answer = call("demo", "--output", "shown/deep", "--json", "out.json")
     assert answer.exit_code == 0

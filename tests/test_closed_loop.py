@@ -74,6 +74,7 @@ set:
                      ).to_csv(folder / f"{name}.csv", index=False)
 
 
+@pytest.mark.long
 def test_a_loop_that_is_treated_as_open_is_told_and_in_the_diagram_it_finds_the_effect(tmp_path: Path) -> None:
     """Driven by the measured force, the record is told to be of a closed loop, by `compare` and by `diagnose`. With the
     controller in the diagram and the reference as the input the friction is found, with its size."""

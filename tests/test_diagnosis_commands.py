@@ -171,6 +171,7 @@ def test_nothing_is_written_over(there: str, folder: Path) -> None:
     assert found.passed == Path(there)
 
 
+@pytest.mark.long
 def test_a_diagnosis_can_be_repeated(folder: Path) -> None:
     """The same command again keeps the files of the first and writes others."""
     words = ("diagnose", "receiver_rig/choked", "--only", "choked flow", "--processes", "1")
@@ -184,6 +185,7 @@ def test_a_diagnosis_can_be_repeated(folder: Path) -> None:
     assert load_experiment(folder / "choked_3.yaml").model.path.name == "receiver_rig_3.yaml"
 
 
+@pytest.mark.long
 def test_a_file_that_try_is_told_to_write(folder: Path) -> None:
     """An earlier result is kept, the next free number is taken; a file of the user is refused."""
     words = ("try", "receiver_rig/choked", "inlet.b_cr", "--write", "results/choking.yaml")

@@ -118,6 +118,7 @@ def test_walls_that_store_heat_are_told_from_losses_and_from_a_larger_block(tmp_
     assert finding.fit.values["heat_storage.tau"] == pytest.approx(1500, rel=0.05)
 
 
+@pytest.mark.long
 def test_the_voltage_of_brushes_is_told_from_resistance_and_friction(tmp_path: Path) -> None:
     said = found(tmp_path, DRIVE, BRUSHES, ("2.3 s", "1.7 s"),
                  {"current": ("motor.i", "A", "10 mA", 10e-3), "speed": ("shaft.w", "rad/s", "0.3 rad/s", 0.3)},
@@ -138,6 +139,7 @@ def test_places_that_act_alike_are_all_named(tmp_path: Path) -> None:
     assert "delay in the channel coil.i or before supply.u" in said.words[0]
 
 
+@pytest.mark.long
 def test_gas_that_exchanges_heat_takes_the_place_of_a_polytropic_accumulator(tmp_path: Path) -> None:
     """The exponent n, which is free, has no meaning in the law that is found: with it in the experiment and in its values
     the diagram could not be read. The records are p = m T/V of an ideal gas with

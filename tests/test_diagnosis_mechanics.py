@@ -160,6 +160,7 @@ def test_hysteresis_of_the_published_benchmark_is_fitted_to_the_noise(tmp_path: 
     assert np.isclose(found.values["hardening_hysteresis.h"], -1.1 / 0.8, rtol=0.1)
 
 
+@pytest.mark.long
 def test_what_the_integrator_errs_by_is_no_missing_effect(tmp_path: Path) -> None:
     """A shaft that turns thirty thousand times its noise: at the tolerances with which a search begins, its angle drifts by
     more than the noise."""
@@ -222,6 +223,7 @@ free: {disc.J: 24 kg*cm**2 +- 15 %, bearing.d: 0.001 .. 0.1 N*m*s/rad}
 """
 
 
+@pytest.mark.long
 def test_an_effect_that_is_absent_where_its_refit_ends_is_not_named(tmp_path: Path) -> None:
     """A disc with a weight off its axis that is turned over: the refit with the weight ends in a valley far above the noise,
     and one with a spring beside it finds the way out, with no spring at all."""

@@ -30,6 +30,7 @@ SAMPLES = 1000
 CLASSES = ("choked flow", "sensor offset", "dead band", "sensor gain")
 
 
+@pytest.mark.long
 def test_two_effects_are_found_and_what_the_first_may_be_is_told_beside_the_second(tmp_path: Path) -> None:
     # a gauge 0.24 bar off, and a valve that chokes; alone, its offset leaves far less than any other error of the gauge;
     # beside the valve another one leaves noise as well

@@ -82,6 +82,7 @@ def test_a_wrong_start_alone_is_no_missing_effect(tmp_path: Path, initial: str) 
     assert hb.fit(path).chi2 < 1.2
 
 
+@pytest.mark.long
 def test_an_effect_is_found_beside_wrong_starts(tmp_path: Path) -> None:
     path = experiment(tmp_path, "25 N")
     found = hb.diagnose(path, classes=["dry friction", "backlash"], number=1)
@@ -94,6 +95,7 @@ def test_an_effect_is_found_beside_wrong_starts(tmp_path: Path) -> None:
     assert hb.fit(written).chi2 < 1.2
 
 
+@pytest.mark.long
 def test_a_right_start_is_not_freed(tmp_path: Path) -> None:
     path = experiment(tmp_path, "25 N")
     text = MEASURED.replace("use: fit", "use: fit, initial: {cart.x: 6 mm}").replace(
@@ -103,6 +105,7 @@ def test_a_right_start_is_not_freed(tmp_path: Path) -> None:
     assert not found.started and found.verdict == "effect"
 
 
+@pytest.mark.long
 def test_records_cut_from_a_motion_begin_with_a_velocity_too(tmp_path: Path) -> None:
     """Friction beside a start at 6 and -4 mm with -50 and 80 mm/s; the files that are written keep both."""
     speeds = {"one": -50.0, "two": 80.0}

@@ -51,6 +51,7 @@ def numbers(refit: Refit) -> tuple[Any, ...]:
     return refit.cost, refit.chi2_held_out, refit.values, refit.inner.tolist(), refit.evaluations
 
 
+@pytest.mark.long
 def test_a_cluster_refits_as_this_computer_does_though_a_worker_is_killed(local: Any) -> None:
     """To the last bit: scores and refits of candidates, as the base model is made anew from the same numbers."""
     base = fitted_base(load_experiment(RIG))
@@ -80,6 +81,7 @@ def test_a_cluster_refits_as_this_computer_does_though_a_worker_is_killed(local:
             assert numbers(stage[label]) == numbers(other[label])
 
 
+@pytest.mark.long
 def test_a_cluster_fits_from_the_same_starts_and_what_was_done_is_kept(local: Any, tmp_path: Path) -> None:
     here = hb.fit(RIG, starts=4)
     path, killed = tmp_path / "starts.jsonl", list[str]()

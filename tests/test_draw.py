@@ -123,6 +123,7 @@ def test_nothing_covers_anything(name: str, values: bool) -> None:
             assert not [p for p, box in pictures.items() if piece.meets(box, -1e-6)], net
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MACHINES)
 def test_wires_of_two_nodes_never_share_a_stretch(name: str) -> None:
     for drawn in bundled_sheets(name):
@@ -245,6 +246,7 @@ def test_two_wires_cross_at_a_right_angle() -> None:
 
 
 # -- what is drawn -----------------------------------------------------------------------------------------------------
+@pytest.mark.long
 def test_the_same_diagram_gives_the_same_bytes() -> None:
     """Also in another process, where the order of sets is another one."""
     code = "import sys, heavebond as hb; sys.stdout.write(hb.draw(hb.load('cmc_ahc'), open_all=True))"

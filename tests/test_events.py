@@ -266,6 +266,7 @@ CASES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", list(CASES))
 def test_sensitivities_agree_with_differences(case: str, folder: Path) -> None:
     """Sixth order differences with steps of 5e-4 of each parameter, as in test_sensitivities; points within the

@@ -110,6 +110,7 @@ free: {damper.d: 4 N*s/m +- 50 %}
 """
 
 
+@pytest.mark.long
 def test_what_is_found_on_an_excerpt_is_fitted_to_all(tmp_path: Path) -> None:
     """A sensor that counts pulses gives the size of the speed alone."""
     run = hb.simulate(hb.loads(RIG), parameters={"damper.d": 3})

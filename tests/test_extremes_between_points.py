@@ -104,6 +104,7 @@ def test_a_pulse_between_two_output_points_is_in_the_table(tmp_path: Path) -> No
     assert x["rms"] == pytest.approx((square/3600)**0.5, rel=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("solver", "every"), [
     *(("auto", every) for every in ("1.95 ms", "65 ms", "0.27 ms", "1.95 s")), ("idas", "65 ms"), ("idas", "1.95 s"),
     pytest.param("rosenbrock", "65 ms", marks=pytest.mark.skipif(compiler() is None, reason="needs a C compiler"))])

@@ -21,6 +21,7 @@ from benchmarks.fuzz.judging import FAULTS, Verdict, judge
 FOUND = Path(__file__).parent / "found_by_fuzz"  # the smallest diagrams of faults that are mended
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("first", range(0, 120, 20))
 def test_random_diagrams_end_well(first: int) -> None:
     verdicts = [judge(seed, diagram(seed).text()) for seed in range(first, first + 20)]

@@ -180,6 +180,7 @@ def test_noise_is_called_unsettled(tmp_path: Path) -> None:
     assert verdict.word == "unsettled"
 
 
+@pytest.mark.long
 def test_differences_over_an_event_are_left_out(tmp_path: Path) -> None:
     """A body that jumps back: its speed jumps at an instant that moves with the parameter."""
     (tmp_path / "floor.yaml").write_text("""

@@ -99,6 +99,7 @@ def _islands(graph: nx.Graph[tuple[str, str]], domain: str, parts: set[str]) -> 
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("start", range(8))
 def test_grounding_of_all_bundled_models_has_the_islands_of_the_graph(start: int) -> None:
     """The circuits that `check` looks for a reference are the connected components of the graph, domain by domain; the parts

@@ -49,6 +49,7 @@ def swing(L: float, angle: float, speed: float, time: Array) -> tuple[Array, Arr
 
 
 # -- mechanisms --------------------------------------------------------------------------------------------------------
+@pytest.mark.long
 def test_pendulum_over_the_top() -> None:
     found = run("pendulum_over_the_top", 1e-11)
     x, y = swing(1.3, 0, 30 / 1.3, found.time)
@@ -362,6 +363,7 @@ def test_sampled_with_computing_time() -> None:
         force, at = taken, 8 * (k + 1)
 
 
+@pytest.mark.long
 def test_switched_slope() -> None:
     with pytest.raises(hb.SimulationError) as caught:
         run("switched_slope")

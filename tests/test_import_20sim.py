@@ -537,6 +537,7 @@ equations
     assert "time / 0.001" in text
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("text", [OWN, EVERYTHING], ids=["graph", "equations"])
 def test_mutated_files_end_without_a_traceback(tmp_path: Path, text: str) -> None:
     draw, names = random.Random(7), frozenset(library().names())

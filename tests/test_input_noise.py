@@ -60,6 +60,7 @@ def shaken(folder: Path, noise: str, seed: int = 0) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_the_noise_of_an_input_adds_to_that_of_the_channels(tmp_path: Path) -> None:
     """A channel that is the input itself has both noises at each sample; one behind a spring has less of it, and a record
     that a right model explains has chi-square 1 with it and far more without."""
@@ -83,6 +84,7 @@ def test_the_noise_of_an_input_adds_to_that_of_the_channels(tmp_path: Path) -> N
     assert silent.channels["deck.x"].chi2 > 20 and not any("noise of the inputs" in note for note in silent.notes)
 
 
+@pytest.mark.long
 def test_a_right_model_is_not_blamed_for_the_noise_of_its_input(tmp_path: Path) -> None:
     """On records of a right model the tests of the residual are significant without the noise of the input, and with it in
     none of three (at 2 % each)."""

@@ -268,6 +268,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are listed by POSIX means")
 @pytest.mark.parametrize("end", [
     "os.kill(os.getpid(), signal.SIGKILL)", "os.kill(os.getpid(), signal.SIGTERM)", "os._exit(3)", "sys.exit(3)"])
@@ -278,6 +279,7 @@ def test_workers_end_with_the_process_that_made_them(end: str) -> None:
     assert len(set(pids)) == 2 and begun.returncode != 0
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="signals are sent by POSIX means")
 def test_a_study_that_is_terminated_writes_what_was_done(tmp_path: Path) -> None:
     """As with Ctrl-C: the table of the cases that were done, the JSON file, the exit code, and no process left."""
@@ -321,6 +323,7 @@ def test_a_worker_ends_later_than_the_process_that_collects() -> None:
         assert isinstance(begun.exception(timeout=20), BrokenExecutor)  # and it ends all the same
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="signals are sent by POSIX means")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_diagnosis_that_is_ended_shows_and_writes_its_answer(tmp_path: Path, number: signal.Signals) -> None:

@@ -267,6 +267,7 @@ def test_a_signal_outside_every_loop_has_no_margins() -> None:
         hb.loop_margins(hb.load("cmc_ahc"), "platform_velocity")
 
 
+@pytest.mark.long
 def test_the_command_tells_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for kind in ("bode", "nyquist", "poles", "step"):
         path = tmp_path / f"{kind}.png"

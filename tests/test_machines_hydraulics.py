@@ -124,6 +124,7 @@ simulate: {until: 1 ms}
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("u", [-1, -0.05, 0, 0.3, 1])
 def test_a_press_starts_steadily_from_any_guess(u: float) -> None:
     """At its lower stop, or on the workpiece: the relief valve takes the pump's flow less what leaks through the valve."""

@@ -193,6 +193,7 @@ def test_integrals_go_through_changes_of_states() -> None:
     assert along.along.quadratures[0, 0, -1] == pytest.approx((moved[0.01] - moved[-0.01]) / 0.02, rel=1e-4)
 
 
+@pytest.mark.long
 def test_constant_constraints_have_one_chart() -> None:
     rigid = hb.loads("""
 model: joined

@@ -53,6 +53,7 @@ def test_a_new_folder_runs_at_once(folder: Path, monkeypatch: pytest.MonkeyPatch
     assert {"rig.png", "compared.png"} < {path.name for path in (folder / "rig").iterdir()}
 
 
+@pytest.mark.long
 def test_what_is_hidden_matters_and_explains_the_records(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     call("new", "rig")
     monkeypatch.chdir("rig")

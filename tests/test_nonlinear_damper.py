@@ -59,6 +59,7 @@ def record(path: Path, seed: int, size: float) -> None:
     path.write_text("t,road,travel,speed\n" + "".join(",".join(f"{v:.9g}" for v in row) + "\n" for row in rows))
 
 
+@pytest.mark.long
 def test_a_digressive_damper_is_named(tmp_path: Path) -> None:
     (tmp_path / "car.yaml").write_text(DIAGRAM)
     (tmp_path / "driven.yaml").write_text(EXPERIMENT)

@@ -231,6 +231,7 @@ CASES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
 def test_a_closed_loop_that_strikes_a_stop(name: str) -> None:
     text, mechanism, start, signals = CASES[name]

@@ -64,6 +64,7 @@ def test_why_a_loop_has_no_start(initial: str, changed: dict[str, str], said: st
     assert "reference" not in str(caught.value)
 
 
+@pytest.mark.long
 def test_a_crank_and_rocker_that_begins_with_its_rocker_as_state() -> None:
     """The rocker stands still twice in each turn of the crank, where its angle cannot be a state.
 

@@ -73,6 +73,7 @@ class Crane:
                 spin, (np.conj(arm)*force).imag/400, (flow - 154e-4*speed)*BETA/volume]
 
 
+@pytest.mark.long
 def test_a_crane_with_a_rope_over_its_head() -> None:
     """Boom, sway of the load on the rope, and the pressure in the cylinder; 1e-6 for both integrations."""
     model, crane = hb.load("mechanisms/crane"), Crane()

@@ -154,6 +154,7 @@ def test_runs_side_by_side(result: hb.Result) -> None:
     _assert_nothing_clipped(figure)
 
 
+@pytest.mark.long
 def test_comparison_has_a_column_per_record_and_a_residual_under_each_channel(comparison: hb.Comparison) -> None:
     figure = plot_comparison(comparison)
     channels = list(comparison.records["train"].channels)

@@ -85,6 +85,7 @@ def test_the_remaining_time_of_a_stage() -> None:
     assert [duration(s) for s in (4.4, 65, 7800)] == ["4 s", "1 min 05 s", "2 h 10 min"]
 
 
+@pytest.mark.long
 def test_a_diagnosis_in_a_log_file(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", "from heavebond.cli import main; main()", "diagnose", "receiver_rig/choked", "--only",

@@ -484,6 +484,7 @@ def test_a_sensor_that_counts(tmp_path: Path) -> None:
 
 
 # -- the start -----------------------------------------------------------------------------------------------------
+@pytest.mark.long
 def test_a_state_that_begins_elsewhere_is_told_with_what_to_write(tmp_path: Path) -> None:
     assert "begins at" not in notes(compare(experiment(tmp_path, record())))
     columns = {name: values[60:] for name, values in record().items()}  # from 1.2 s on, moving

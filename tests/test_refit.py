@@ -157,6 +157,7 @@ def test_an_effect_that_only_the_fitted_samples_show_is_named_by_their_cross_val
     assert _not_held_out(finding, there) == []
 
 
+@pytest.mark.long
 def test_candidates_that_only_held_out_data_tell_apart_are_refitted_both(tmp_path: Path) -> None:
     """Dry friction of a shaft that turns one way in the fitted record is a constant torque, and past a large inertia a
     drift of the sensor; the other record reverses."""
@@ -169,6 +170,7 @@ def test_candidates_that_only_held_out_data_tell_apart_are_refitted_both(tmp_pat
     assert not {friction, torque, "SensorDrift in the channel channel_0"} & {t for of in step.twins.values() for t in of}
 
 
+@pytest.mark.long
 def test_what_takes_a_noticeable_part_away_leads(tmp_path: Path) -> None:
     """Friction that grows with the position, of which the catalogue has no law: end stops fit the first record best and do
     nothing for the other one, constant friction takes three quarters away there."""

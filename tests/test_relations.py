@@ -60,6 +60,7 @@ def test_relation_of_a_machine_that_fails(key: tuple[str, str, str]) -> None:
     assert check.outcome not in DIFFERENCES, check.what
 
 
+@pytest.mark.long
 def test_one_law_in_two_descriptions_gives_the_same_run() -> None:
     found = [compared(law) for law in PAIRS.values()]
     assert not [(c.relation, c.outcome, c.what) for c in found if c.outcome != "same"]

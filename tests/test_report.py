@@ -82,6 +82,7 @@ class Tree(HTMLParser):
 
 
 # -- what it says ------------------------------------------------------------------------------------------------------
+@pytest.mark.long
 def test_every_element_is_closed(page: str) -> None:
     tree = Tree(page)
     names = [value for _, name, value in tree.attributes if name == "id"]

@@ -80,6 +80,7 @@ def refits() -> list[str]:
     return [line for line in KEPT.read_text().splitlines() if line and '"scores"' not in line]
 
 
+@pytest.mark.long
 def test_an_ended_search_goes_on_to_the_same_answer(tmp_path: Path, undisturbed: dict[str, Any],
                                                      monkeypatch: pytest.MonkeyPatch) -> None:
     """All is scored and refitted once; a line that was cut short by the end of the process is passed over."""
@@ -101,6 +102,7 @@ def test_an_ended_search_goes_on_to_the_same_answer(tmp_path: Path, undisturbed:
     assert {**told(), "made": len(made) + 2, "scored": len(made.scored) + before} == undisturbed
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="signals are sent by POSIX means")
 def test_a_search_that_was_killed_goes_on(tmp_path: Path, undisturbed: dict[str, Any],
                                          monkeypatch: pytest.MonkeyPatch) -> None:

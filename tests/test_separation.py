@@ -105,6 +105,7 @@ def fitted(experiment: Experiment, file: Path) -> tuple[Alternative, float]:
         found.chi2 * found.samples
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", CASES)
 def test_alike_on_the_record_and_told_apart_by_what_is_proposed(case: str, tmp_path: Path) -> None:
     course, (wrong_part, wrong_free), (right_part, right_free), truth = CASES[case]

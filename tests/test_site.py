@@ -51,6 +51,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_formulas_are_mathml_and_nothing_is_fetched(site: Path) -> None:
     spring = (site / "components" / "translational" / "spring.html").read_text("utf-8")
     assert spring.count("<math") > 10 and "arithmatex" not in spring and "$$" not in spring
@@ -82,6 +83,7 @@ FOUND = """new Promise((done, failed) => { let left = 150; const look = () => {
   if (found.length || !left--) done(found); else setTimeout(look, 100); }; look(); })"""
 
 
+@pytest.mark.long
 def test_the_search_works_from_the_folder(site: Path, tmp_path: Path) -> None:
     """Opened as a file, without a server; a page two folders down finds its way too."""
     if browser.browser() is None:

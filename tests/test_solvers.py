@@ -114,6 +114,7 @@ def check(name: str, solver: str) -> str:
     return ""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "code"), [
     ("cmc_ahc", ""), ("cmc_ahc/passive_then_active", ""), ("cmc_ahc/detailed", "solver-algebraic"), ("excavator_boom", ""),
     ("cylinder_rig", ""), ("quarter_car", ""), ("hydrostatic_drive", ""), ("circuits/intensifier", "")])
@@ -121,6 +122,7 @@ def test_cvodes_agrees_with_idas(name: str, code: str) -> None:
     assert check(name, "cvodes") == code
 
 
+@pytest.mark.long
 @needs_compiler
 @pytest.mark.parametrize(("name", "code"), [
     ("cmc_ahc", ""), ("dc_stage", ""), ("passive_rig/passive_rig_friction", ""), ("pneumatic_cylinder", "solver-cut"),
@@ -237,6 +239,7 @@ def test_measured_inputs(solver: str, tmp_path: Path) -> None:
     assert apart(hb.simulate(model), hb.simulate(model, solver=solver)) < 1e-6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", ["cvodes", pytest.param("rosenbrock", marks=needs_compiler)])
 def test_a_failure_is_told_as_by_idas(solver: str) -> None:
     with pytest.raises(hb.SimulationError) as caught:
@@ -306,6 +309,7 @@ def test_the_command_line_tells_it() -> None:
     assert set(SOLVERS) == {"idas", "cvodes", "rosenbrock", "auto"}
 
 
+@pytest.mark.long
 def test_a_chamber_that_is_emptied_is_told_as_that() -> None:
     rig = hb.load("cylinder_rig").with_parameters({"valve.u": "-0.08", "load_spring.c": "120 kN/m"})
     with pytest.raises(hb.SimulationError, match=r"cylinder.V_A \(volume of chamber A\) comes to its limit 0 m\*\*3 there, "

@@ -43,6 +43,7 @@ def codes(text: str) -> list[tuple[str, int, int]]:
 
 
 # -- what is read ----------------------------------------------------------------------------------------------------
+@pytest.mark.long
 def test_libyaml_reads_every_bundled_file_like_pyyaml() -> None:
     """Tree, texts and places: what the quick reader is used for."""
     files = [path for folder in ("components", "models") for path in sorted(bundled(folder).rglob("*.yaml"))]

@@ -525,6 +525,7 @@ def tear_slowly(rows, columns, cost, prefer_torn):
     return Tearing(tuple(sequence), tuple(torn), tuple(row for row in rows if row not in dict(sequence)))
 
 
+@pytest.mark.long
 @settings(max_examples=500)
 @given(loops())
 def test_tearing_takes_the_steps_it_says_it_takes(loop):
@@ -600,6 +601,7 @@ def chain(n):
     return [[i, i + 1] for i in range(n - 1)] + [[0, n - 1]]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shape", ["scattered", "chain", "overdetermined", "constrained", "augmented"])
 def test_fifty_thousand_rows_take_seconds(shape):
     # Quadratic work would take hours of processor time, recursion overflow; the bound leaves room for a slow machine.

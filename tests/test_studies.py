@@ -87,6 +87,7 @@ def test_cases_are_all_combinations_and_each_is_its_own_diagram(folder: Path) ->
     assert len(soft.signals["motion"]) == len(soft.time) == 501
 
 
+@pytest.mark.long
 def test_files_tables_and_pictures(folder: Path) -> None:
     _study(STUDY.replace("{soft: [1.2, -, 0.6], 2 Hz: 1.5}", "{2 Hz: 1.5}"))
     code, told = _called("study", "study.yaml", "--processes", "2", "--output", "out")
@@ -262,6 +263,7 @@ def _ends_always(study: hb.Study, number: int, gains: dict[str, float] | None) -
     return at_point(study, number, gains)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are killed otherwise here")
 def test_a_calibration_works_a_case_again_whose_process_is_killed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study = _study(CALIBRATION.replace("NUMBERS", "1.2, 1.1, 1"))

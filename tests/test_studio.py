@@ -251,6 +251,7 @@ def test_waiting_tasks_give_way_to_the_newest_and_a_long_one_is_stopped(tmp_path
     asyncio.run(work())
 
 
+@pytest.mark.long
 def test_a_short_task_is_done_again_where_its_process_was_ended(tmp_path: Path) -> None:
     job = Job(CAR, str(tmp_path / "car.yaml"), "car.yaml")
     move = {"act": "set", "path": "damper.d", "value": "2 kN*s/m"}
@@ -306,6 +307,7 @@ def test_colours_of_the_page_have_the_contrast_of_wcag_aa(dark: bool) -> None:
     assert {pair: round(contrast(*pair), 2) for pair, least in wanted.items() if contrast(*pair) < least} == {}
 
 
+@pytest.mark.long
 def test_the_scripts_of_the_page_are_typed() -> None:
     """By the compiler of TypeScript, which checks types that stand in comments; vendored files are as they came."""
     compiler = shutil.which("tsc")

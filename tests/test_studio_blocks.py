@@ -107,6 +107,7 @@ def test_what_a_block_cannot_have_is_refused_with_the_reason(tmp_path: Path) -> 
             edited(job, dict(action))
 
 
+@pytest.mark.long
 def test_a_block_is_edited_in_the_page_and_its_diagram_runs_with_it(tab: browser.Tab, server: Server) -> None:
     _job(server.folder)
     (server.folder / "rig.yaml").write_text(RIG, encoding="utf-8")

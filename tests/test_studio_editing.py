@@ -218,6 +218,7 @@ def test_a_quarter_car_is_built_from_nothing_run_and_diagnosed(tab: browser.Tab,
     assert tab.complaints == []
 
 
+@pytest.mark.long
 def test_the_drawing_is_changed_and_undone_by_the_keyboard(tab: browser.Tab, server: Server) -> None:
     """Select, move, turn, rename, copy, wire, delete without a mouse; undo goes back over drawing and text alike."""
     _open(tab, server)
@@ -278,6 +279,7 @@ def test_a_part_is_dragged_and_what_does_not_fit_is_told(tab: browser.Tab, serve
     assert tab.complaints == []
 
 
+@pytest.mark.long
 def test_parts_are_selected_together_and_moved_copied_and_deleted(tab: browser.Tab, server: Server) -> None:
     _open(tab, server)
     left, top, right, bottom = tab.run("""(() => { const box = p => document.querySelector(`g.part[data-part=${p}] .frame`)
@@ -314,6 +316,7 @@ def test_parts_are_selected_together_and_moved_copied_and_deleted(tab: browser.T
     assert tab.complaints == []
 
 
+@pytest.mark.long
 def test_the_text_is_completed_from_the_library_and_the_diagram(tab: browser.Tab, server: Server) -> None:
     _open(tab, server)
 

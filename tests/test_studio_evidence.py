@@ -318,6 +318,7 @@ def test_a_fit_has_the_figures_of_the_command_line_and_is_written(rig: Path) -> 
     assert fitted.model.settings["damper.d"].value.text.startswith(f"{value:.4g}"[:4])
 
 
+@pytest.mark.long
 def test_a_job_that_is_stopped_gives_its_best_so_far_and_one_that_fails_its_reason(rig: Path) -> None:
     async def work() -> None:
         jobs = LongJobs()

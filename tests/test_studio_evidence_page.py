@@ -42,6 +42,7 @@ def _contents(folder: Path) -> dict[str, str]:
     return {p.relative_to(folder).as_posix(): p.read_text(encoding="utf-8") for p in folder.rglob("*") if p.is_file()}
 
 
+@pytest.mark.long
 def test_records_are_dropped_and_diagnosed_and_the_error_falls(tab: browser.Tab, server: Server, texts: dict[str, str]
                                                               ) -> None:
     folder = server.folder
@@ -91,6 +92,7 @@ def test_records_are_dropped_and_diagnosed_and_the_error_falls(tab: browser.Tab,
     assert tab.complaints == []
 
 
+@pytest.mark.long
 def test_two_tabs_see_one_computation_and_either_stops_it(tab: browser.Tab, server: Server, texts: dict[str, str],
                                                           tmp_path: Path) -> None:
     _experiment(server.folder, texts)
@@ -119,6 +121,7 @@ def test_two_tabs_see_one_computation_and_either_stops_it(tab: browser.Tab, serv
     tab.run("studio.editor.replace(studio.document.text)")
 
 
+@pytest.mark.long
 def test_a_record_that_cannot_be_read_is_refused_in_words(tab: browser.Tab, server: Server) -> None:
     (server.folder / "other.yaml").write_text(RIG, encoding="utf-8")
     _opened(tab, server, "other.yaml")
@@ -132,6 +135,7 @@ def test_a_record_that_cannot_be_read_is_refused_in_words(tab: browser.Tab, serv
     assert tab.run("document.querySelectorAll('#banner img').length") == 0
 
 
+@pytest.mark.long
 def test_an_experiment_that_estimates_nothing_tells_what_to_write(tab: browser.Tab, server: Server, texts: dict[str, str]
                                                                   ) -> None:
     _experiment(server.folder, texts)

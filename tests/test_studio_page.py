@@ -33,6 +33,7 @@ def _typed(tab: browser.Tab, old: str, new: str) -> None:
     tab.write(new)
 
 
+@pytest.mark.long
 def test_a_diagram_is_run_and_its_signals_are_found_by_clicking(tab: browser.Tab, server: Server) -> None:
     (server.folder / "car.yaml").write_text(CAR, encoding="utf-8")
     tab.go(server.address)
@@ -101,6 +102,7 @@ def _swept(tab: browser.Tab, file: Path) -> None:
         assert tab.run(f"Math.max(...studio.runs.kept[{k}].series.get('damper.F'))") == result.si["damper.F"].max()
 
 
+@pytest.mark.long
 def test_a_slider_runs_while_it_moves_and_runs_are_laid_over_each_other(tab: browser.Tab, server: Server) -> None:
     _open(tab, server)
     tab.click("#run")
@@ -169,6 +171,7 @@ def _zoomed(tab: browser.Tab) -> None:
     assert seen == [seen[0]] * len(whole) and seen[0][1] - seen[0][0] < 3
 
 
+@pytest.mark.long
 def test_a_mistake_is_shown_at_its_line_and_part_and_saving_changes_what_was_typed(tab: browser.Tab, server: Server) -> None:
     _open(tab, server)
     _typed(tab, "1.5 kN*s/m", "1.5 kN/m")
@@ -188,6 +191,7 @@ def test_a_mistake_is_shown_at_its_line_and_part_and_saving_changes_what_was_typ
     assert (server.folder / "car.yaml").read_text(encoding="utf-8") == CAR.replace("1.5 kN*s/m", "1.75 kN*s/m")
 
 
+@pytest.mark.long
 def test_what_changes_on_disk_appears_and_is_never_overwritten(tab: browser.Tab, server: Server) -> None:
     """Also the way in which a second tab learns what the first has saved."""
     _open(tab, server)
@@ -227,6 +231,7 @@ def test_a_file_that_was_removed_is_told_and_written_anew(tab: browser.Tab, serv
     assert tab.complaints == []
 
 
+@pytest.mark.long
 def test_two_tabs_on_one_file_are_reconciled_or_told(tab: browser.Tab, server: Server, tmp_path: Path) -> None:
     """A tab without unsaved text follows the other; one with unsaved text is told, and its user decides."""
     _open(tab, server)
@@ -258,6 +263,7 @@ def test_two_tabs_on_one_file_are_reconciled_or_told(tab: browser.Tab, server: S
         other.close()
 
 
+@pytest.mark.long
 def test_a_killed_server_has_lost_nothing(tab: browser.Tab, server: Server) -> None:
     _open(tab, server)
     _typed(tab, "320 kg", "333 kg")
@@ -291,6 +297,7 @@ def test_names_of_others_are_text_and_nothing_else(tab: browser.Tab, server: Ser
     (server.folder / name).unlink()
 
 
+@pytest.mark.long
 def test_keys_are_listed_and_borders_moved_by_keyboard(tab: browser.Tab, server: Server) -> None:
     _open(tab, server, "keys.yaml")
     tab.run("document.getElementById('sheet').focus()")

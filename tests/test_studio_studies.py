@@ -53,6 +53,7 @@ def test_a_study_is_shown_with_its_diagram_and_its_problems(tmp_path: Path) -> N
     assert listed["masses.yaml"]["summary"] == "The rig with two masses." and listed["rig.yaml"]["summary"] == ""
 
 
+@pytest.mark.long
 def test_a_study_is_run_in_the_page_with_the_figures_of_the_command(tab: browser.Tab, server: Server) -> None:
     _written(server.folder)
     tab.go(server.address)

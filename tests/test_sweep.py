@@ -222,6 +222,7 @@ def _shares() -> dict[str, float]:
     return {name: part / sum(parts.values()) for name, part in parts.items()}
 
 
+@pytest.mark.long
 def test_indices_of_a_linear_number(folder: Path) -> None:
     found, = indices(hb.run_study(_linear("{sobol_indices: 64}"), processes=1))
     wanted = _shares()
@@ -268,6 +269,7 @@ def test_the_worst_case_is_found_by_gradients(folder: Path) -> None:
     assert row["spring.c [kN/m]"] == pytest.approx(worst[0] / 1e3, rel=0.03)  # a flat top
 
 
+@pytest.mark.long
 def test_a_grid_is_drawn_and_can_be_gone_on_with(folder: Path) -> None:
     code, told = _called("sweep", "isolator.yaml", "--over", "f=1 .. 3 Hz; 3", "--over", "damper.d=0.5 kN*s/m, 1 kN*s/m",
                          "--measure", "rms(motion) in mm", "--from", "4 s", "--processes", "1", "--plot", "motion")
@@ -295,6 +297,7 @@ def test_other_values_of_a_sweep_stand_in_a_diagram_of_its_own(folder: Path) -> 
     assert (code, told["problems"][0]["code"]) == (1, "setting-unknown")
 
 
+@pytest.mark.long
 def test_many_lines_are_told_by_colours_and_what_breaks_out_does_not_hide_the_rest(folder: Path) -> None:
     _called("sweep", "isolator.yaml", "--over", "f=1 .. 6 Hz; 3", "--over", "damper.d=0.05 .. 20 kN*s/m; 11", "--measure",
             "rms(motion) in mm", "--until", "1 s", "--processes", "1", "--plot", "motion")
@@ -394,6 +397,7 @@ def test_a_process_that_dies_costs_its_case_only(folder: Path, monkeypatch: pyte
     assert [o.values for o in again.outcomes if o.case != 2] == [o.values for o in result.outcomes if o.case != 2]
 
 
+@pytest.mark.long
 def test_a_worker_of_a_cluster_that_is_killed_costs_its_task_only(folder: Path) -> None:
     from heavebond.core.cluster import Cluster
 
@@ -439,6 +443,7 @@ def test_a_cluster_whose_workers_are_busy_is_told_from_one_without_the_program(m
         busy.result(60)
 
 
+@pytest.mark.long
 def test_a_cluster_that_loses_all_of_its_workers_is_not_waited_for(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from heavebond.core.cluster import Cluster
 

@@ -169,6 +169,7 @@ def _check_optimum(name: str, found: list[Tuned]) -> None:
         assert result.values["controller.K_v"] == pytest.approx(k_v, rel=0.01)
 
 
+@pytest.mark.long
 def test_a_search_ends_where_another_has_ended() -> None:
     """Alone it goes on to the same optimum, by more evaluations."""
     problem = Objective(hb.assemble(hb.load("cmc_ahc/active_frictionless")), load_study("cmc_ahc/quality_index").tuning)
@@ -180,6 +181,7 @@ def test_a_search_ends_where_another_has_ended() -> None:
     assert alone.best.cost == pytest.approx(first.best.cost, rel=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", list(COMPENSATORS))
 def test_compensator_optimum_from_bad_starts(name: str) -> None:
     """With friction the cost has a second valley, 18 % higher, which five explored points may all lie in."""

@@ -324,6 +324,7 @@ def test_energy_of_a_run_that_ran_away_is_refused_before_it_is_integrated(monkey
     assert runs == 1
 
 
+@pytest.mark.long
 def test_a_run_that_overflows_is_not_told_of_roots_of_negative_numbers() -> None:
     with pytest.raises(SimulationError) as failed:
         hb.simulate(hb.loads(WINCH.replace("until: 10 s", "until: 100 s")))

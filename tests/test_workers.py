@@ -119,6 +119,7 @@ def test_a_worker_that_the_system_kills_costs_its_candidate_only(
     assert set(workers.lost) == set(after)
 
 
+@pytest.mark.long
 def test_a_diagnosis_says_what_it_is_without(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("heavebond.diagnosis.candidate_workers.scored", _killed)
     found = diagnose("receiver_rig/choked", number=2, classes=("sensor gain",))

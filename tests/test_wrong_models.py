@@ -68,6 +68,7 @@ def attempt(path: Path) -> None:
     start(assembly, 0.0, u)
 
 
+@pytest.mark.long
 @for_each("name", CASES, parts=4)
 def test_message(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
     """The message of each case, seen from the folder of its file: as stored; with code, place and advice; in words of the
