@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import browser
+import pytest
 from studio_pages import Server, server, tab
 from test_studio_editing import _fill, _left, _settled, _true
 from test_studio_page import CAR, _open
+
+pytestmark = pytest.mark.long
 
 __all__ = ["_left", "server", "tab"]
 SUCKED = """\
