@@ -223,8 +223,7 @@ class Simulator:
         return {"u": self.inputs(times)}
 
     def inputs(self, times: Array) -> Array:
-        """Inputs of the integrator (k, N) at times (N,): pieces of the measured signals, then factors of the quadratures,
-        then the
+        """Inputs of the integrator (k, N) at times (N,): pieces of the measured signals, factors of the quadratures, and the
         number of kinks before, if there are any."""
         rows = [self.pieces.at(times)]
         if self.factors is not None:
