@@ -2,8 +2,8 @@
 
 A signal is known at times t (n,), in which the time of an event occurs twice, with the values before and after it. Events
 divide it into pieces. Within a piece an extreme is that of the polynomial through five points around the extreme point, if
-four of them give the same; else, as at a kink, it is the extreme point itself. Integrals are those of the cubics through
-values and slopes at the points, of order 4.
+the signal is curved about alike over these; else, as at a kink, it is the extreme point itself. Integrals are those of the
+cubics through values and slopes at the points, of order 4.
 """
 
 from __future__ import annotations
@@ -24,15 +24,16 @@ class ExtremeConstants:
 
     points: points of the polynomial. Origin: at 0.3 rad of an oscillation between two of them the error is 1e-5 of the
         amplitude. Doubled: it oscillates at kinks.
-    agreement: share of the excess over the extreme point by which the excess from one point less may differ. Origin: at
-        a kink they differ by as much as the excess. Doubled: some kinks get an extreme that is too large.
+    evenness: least curvature among the five points, as a share of the largest. Origin: a limited signal has no curvature
+        on one side of its kink, an oscillation about the same on both. Doubled: extremes of strongly damped motions are
+        those of the points.
     samples: points at which the polynomial is evaluated. Origin: an error of 1e-4 of the excess. Doubled: a quarter of it.
     candidates: local extremes that are refined, at most, the largest of the signal. Origin: time. Doubled: of hundreds of
         equal extremes more are refined.
     """
 
     points: int = 5
-    agreement: float = 0.25
+    evenness: float = 0.25
     samples: int = 65
     candidates: int = 20
 
@@ -135,23 +136,21 @@ def _candidates(values: Array, most: float) -> list[int]:
 
 
 def _refined(time: Array, values: Array, k: int, begin: int, end: int) -> Extreme | None:
-    """The maximum of the polynomial through the points around a point k of a piece; None where there are too few, or
-    where one point less gives another."""
+    """The maximum of the polynomial through the points around a point k of a piece; None if there are too few, or at a
+    kink."""
     n = EXTREMES.points
     if end - begin < n:
         return None
-    low, high = time[max(k - 1, begin)], time[min(k + 1, end - 1)]
-    t = np.linspace(low, high, EXTREMES.samples)
-    found = []
-    for size in (n, n - 1):
-        first = min(max(k - size // 2, begin), end - size)
-        at = np.arange(first, first + size)
-        weights = _lagrange(time[at], t)
-        course = values[k] + (values[at] - values[k]) @ weights
-        top = int(np.argmax(course))
-        found.append((float(course[top] - values[k]), Extreme(at, weights[:, top])))
-    excess, other = found[0][0], found[1][0]
-    return found[0][1] if excess > 0 and abs(other - excess) <= EXTREMES.agreement * excess else None
+    first = min(max(k - n // 2, begin), end - n)
+    at = np.arange(first, first + n)
+    t = np.linspace(time[max(k - 1, begin)], time[min(k + 1, end - 1)], EXTREMES.samples)
+    weights = _lagrange(time[at], t)
+    course = (values[at] - values[k]) @ weights
+    top = int(np.argmax(course))
+    slopes = np.diff(values[at]) / np.diff(time[at])
+    bends = np.diff(slopes) / (time[at[2:]] - time[at[:-2]])
+    smooth = bends.max() < 0 and bends.max() <= EXTREMES.evenness * bends.min()
+    return Extreme(at, weights[:, top]) if course[top] > 0 and smooth else None
 
 
 def _lagrange(nodes: Array, t: Array) -> Array:

@@ -170,7 +170,9 @@ class Unexplained(Simulator):
             found = self._signals(first, moved, watch)
             if (whole := self._whole) is not None and not self.assembly.sizes:
                 self._whole = None
-                if sizes := self._fitting_sizes(assembly, first, moved, self._states(whole)):
+                sizes = self._fitting_sizes(assembly, first, moved, self._states(whole))
+                # a search keeps them for its other runs, where a single state may not stay as small
+                if sizes.keys() >= {*assembly.state_names}:
                     self._take_sizes(sizes)
                     assembly, first, moved = self._started(parameters)
                     found = self._signals(first, moved, watch)
@@ -313,14 +315,6 @@ class CaseSimulator(Unexplained):
         if assembly.flat.events or self.charts.needed or self.sensitivities or compiled_cvodes.program() is None:
             return None
         return _equations(assembly, None, (), self.quadratures, None if self.factors is None else self.factors.symbols)
-
-    def run(self, parameters: Mapping[str, float | str] | None = None) -> Result:
-        """As of a `Simulator`; sizes that fit one case are not those of the next."""
-        try:
-            return super().run(parameters)
-        finally:
-            if self.assembly.sizes:
-                self._take_sizes({})
 
     def _take_sizes(self, sizes: Mapping[str, float]) -> None:
         super()._take_sizes(sizes)

@@ -62,6 +62,7 @@ class Simulator:
         records'. With `dense` a result has points between its output points (see `Result.dense`)."""
         self.assembly, self._turn = assembly, RLock()
         self._sized = {tuple(sorted(assembly.sizes.items())): assembly}
+        self._base_sizes, self._sized_for = dict(assembly.sizes), None
         check_allowed(assembly.flat, allow_fmu, sensitivities := tuple(sensitivities))
         self.tolerances = tolerances or Tolerances()
         self.parameters = sensitivities
@@ -241,9 +242,13 @@ class Simulator:
         check()
         began = clock.perf_counter()
         with self._turn:
+            if self.assembly.sizes != self._base_sizes and parameters != self._sized_for:
+                self._take_sizes(self._base_sizes)  # sizes that fit one run are not those of another
+            self._sized_for = parameters
             return self._result(*self._started(parameters), began, lambda: self._started(parameters))
 
     begun: Start | None = None  # where the last run began
+    _sized_for: Mapping[str, float | str] | None  # the parameters of the last run, which sizes were taken from
 
     def _started(self, parameters: Mapping[str, float | str] | None) -> tuple[Assembly, Start, Tangent | None]:
         """The equations with these parameters, their start, and how it moves along the sensitivities."""

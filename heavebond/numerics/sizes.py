@@ -34,6 +34,8 @@ class SizeConstants:
         than its tolerance, and are in no error test. Doubled: more runs are repeated.
     rounding: multiple of the estimated rounding below which a value is no motion. Origin: the estimate leaves out what
         passes through several states. Doubled: smaller motions beside large cancelling forces are not followed.
+    noise: share of the largest unknown, in nominal sizes, below which a value is no motion. Origin: starts are solved to
+        about 1e-12, and what is left of that decays. Doubled: smaller motions beside large ones are not followed.
     max_repeats: repetitions of a run. Origin: the first one may have sizes that were errors. Doubled: nothing measurable.
     points: points of a run at which rounding is estimated. Origin: extremes of most motions. Doubled: nothing measurable.
     least_stops: stops of a run from which on they show how large its unknowns become. Origin: an oscillation of a few
@@ -43,6 +45,7 @@ class SizeConstants:
     small: float = 1e-4
     algebraic: float = 1e-2
     rounding: float = 30.0
+    noise: float = 1e-12
     max_repeats: int = 3
     points: int = 16
     least_stops: int = 100
@@ -53,10 +56,10 @@ SIZES = SizeConstants()
 
 def far_below(reached: Mapping[str, float], nominal: Mapping[str, float], declared: Mapping[str, float]) -> list[str]:
     """The unknowns whose largest values stay far below their present nominal sizes, and that are not zero but for the
-    rounding of the largest unknown in its `declared` nominal size."""
+    errors of the largest unknown in its `declared` nominal size."""
     largest = max((value / declared[name] for name, value in reached.items() if np.isfinite(value)), default=0.0)
     return [name for name, value in reached.items()
-            if EPS * largest * declared[name] < value < SIZES.small * nominal[name]]
+            if SIZES.noise * largest * declared[name] < value < SIZES.small * nominal[name]]
 
 
 def fitting_sizes(assembly: Assembly, names: Sequence[str], reached: Mapping[str, float], columns: Sequence[Array],
