@@ -314,7 +314,7 @@ def test_noise_follows_no_variable() -> None:
 
 def test_command_tells_draws_and_writes_figures(tmp_path: Path) -> None:
     picture, figures = tmp_path / "where.png", tmp_path / "where.json"
-    done = CliRunner().invoke(main, ["where", "receiver_rig/choked", "--output", str(picture), "--json", str(figures)])
+    done = CliRunner().invoke(main, ["localize", "receiver_rig/choked", "--output", str(picture), "--json", str(figures)])
     assert done.exit_code == 0, done.output
     assert "supply-receiver" in done.output
     assert picture.stat().st_size > 10_000

@@ -200,7 +200,7 @@ class _RefitProblem:
         self.starts = RefitStarts(base, candidate, guesses, self.runs)
         self.ranges = dict(self.starts.ranges)
         freed = self._freed(changed, set(self.runs[0].assembly.parameter_values))
-        values = {name: self._inside(name) for name in self.ranges}
+        values = self._first_values()
         self.problem = Residuals(freed, runs=[run.again(list(freed.free), values, QuickSimulator) for run in self.runs])
         for _ in range(finer):
             self.make_finer()
@@ -221,13 +221,18 @@ class _RefitProblem:
         place = next(iter(changed.records.values())).place
         units = {n.name: n.unit for n in self.candidate.numbers}
         free = {name: Free(name, Range(low, high, units[name]), place) for name, (low, high) in self.ranges.items()}
-        inside = {name: self._inside(name) for name in self.ranges}
         kept = {name: f for name, f in changed.free.items() if name in known}
-        return replace(changed, model=changed.model.with_parameters(inside), free={**kept, **free})
+        return replace(changed, model=changed.model.with_parameters(self._first_values()), free={**kept, **free})
 
-    def _inside(self, name: str) -> float:
-        """The first guess of one of the candidate's numbers."""
-        return float(np.clip(self.starts.plans[0].numbers[name], *self.ranges[name]))
+    def _first_values(self) -> dict[str, float]:
+        """The first guess of the candidate's numbers, inside their ranges and in the order that their law requires."""
+        values = {name: float(np.clip(self.starts.plans[0].numbers[name], *self.ranges[name])) for name in self.ranges}
+        for leaf in self.runs[0].assembly.flat.expanded.leaves.values():
+            for ends in leaf.component.orders:
+                high, low = (f"{leaf.path}.{end}" for end in ends)
+                if high in values and low in values and values[high] <= values[low]:
+                    values[high], values[low] = self.ranges[high][1], self.ranges[low][0]
+        return values
 
     def _start(self, plan: Plan) -> Array:
         """A plan as a point of the problem."""
