@@ -23,7 +23,7 @@ DIAGRAM = Path(__file__).parent / "heave.yaml"
 TOLERANCES = Tolerances(1e-6, 1e-8)
 UNTIL, POINTS = 60.0, 6000
 STATES = ("crown.x", "crown.v", "bit.x", "bit.v", "chamber_a.p", "chamber_b.p", "valve.x", "valve.w")
-START = (0.0, 0.0, 0.0, 0.0, 172.5e5, 172.5e5, 0.0, 0.0)
+START = (0.0, 0.0, 0.0, 0.0, 572.5e5, 572.5e5, 0.0, 0.0)
 # the gain of the position loop in 1/m: a calm run, and one in a limit cycle, which takes four times the steps
 GAINS = {"calm": 1.0, "limit cycle": 3.0}
 # Tolerances, times those of the others, at which the Rosenbrock method is as accurate as the program in C, or more so
@@ -34,7 +34,7 @@ def rates(t: ca.SX, x: ca.SX, p: ca.SX) -> ca.SX:
     """x' (8,) of the STATES; p are K_p, K_v, F_c, F_s, sigma_2, beta, c, d, f_n, zeta; all in SI."""
     x_c, v_c, x_b, v_b, p_a, p_b, y, w = ca.vertsplit(x)
     gain, damping, f_c, f_s, sigma_2, beta, c, d, f_n, zeta = ca.vertsplit(p)
-    area, volume, supply, frequency = 0.0174, 0.067, 345e5, 2 * math.pi / 12
+    area, volume, supply, tank, frequency = 0.0174, 0.067, 745e5, 400e5, 2 * math.pi / 12
     z, dz = 0.5 * ca.sin(frequency * t), 0.5 * frequency * ca.cos(frequency * t)
     s, v = x_c - z, v_c - dz
     sign = ca.tanh(v / 1e-3)
@@ -42,8 +42,8 @@ def rates(t: ca.SX, x: ca.SX, p: ca.SX) -> ca.SX:
     string = 4e6 * (x_c - x_b) + 1e5 * (v_c - v_b)
     ground = 229.6e3 * x_b + 2e4 * v_b
     rated = 2 * 460 / 60000 / math.sqrt(35e5) * y
-    q_a = rated * ca.if_else(y >= 0, _orifice(supply - p_a), _orifice(p_a))
-    q_b = -rated * ca.if_else(y >= 0, _orifice(p_b), _orifice(supply - p_b))
+    q_a = rated * ca.if_else(y >= 0, _orifice(supply - p_a), _orifice(p_a - tank))
+    q_b = -rated * ca.if_else(y >= 0, _orifice(p_b - tank), _orifice(supply - p_b))
     u = ca.fmin(ca.fmax(-gain * x_c - damping * dz, -1), 1)
     w_n = 2 * math.pi * f_n
     return ca.vertcat(

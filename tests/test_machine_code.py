@@ -37,9 +37,9 @@ def eager(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 @needs_compiler
 @pytest.mark.parametrize(("name", "solver", "moved"), [
-    ("cmc_ahc", "idas", ("controller.K_p", "cmc.gas.c")), ("quarter_car", "cvodes", ()), ("dc_stage", "idas", ())])
+    ("cmc_ahc", "idas", ("controller.K_p", "cmc.gas.c")), ("quarter_car", "cvodes", ()), ("examples/mi_field", "idas", ())])
 def test_machine_code_gives_the_same_bits(eager: Path, name: str, solver: str, moved: tuple[str, ...]) -> None:
-    """States and sensitivities, with algebraic unknowns too (`dc_stage`), after as many steps; no file is left."""
+    """States and sensitivities, with algebraic unknowns too (`mi_field`), after as many steps; no file is left."""
     simulator = hb.Simulator(hb.assemble(hb.load(name)), solver=solver, sensitivities=moved)
     first, second = simulator.run(), simulator.run()
     assert (first.statistics["equations"], second.statistics["equations"]) == ("list of operations", "machine code")
@@ -51,7 +51,7 @@ def test_machine_code_gives_the_same_bits(eager: Path, name: str, solver: str, m
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["cmc_ahc", "dc_stage"])
+@pytest.mark.parametrize("name", ["cmc_ahc", "examples/mi_field"])
 def test_a_single_run_that_is_long_enough_is_compiled_before_it(eager: Path, name: str) -> None:
     """The first points tell how long it will take; what is short stays with the list of operations."""
     assembly = hb.assemble(hb.load(name))

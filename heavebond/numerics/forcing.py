@@ -126,7 +126,8 @@ class Forcing:
             unknown += curved.texts(changes.unknown)
         motions = np.zeros(0)
         if self._smooth is not None:
-            short = short_motions(self._smooth, felt, times, _within(kinks, ends, True))
+            with np.errstate(invalid="ignore"):  # a function may be infinite, and the interval between two of its bounds too
+                short = short_motions(self._smooth, felt, times, _within(kinks, ends, True))
             motions = short.times
             unknown += self._smooth.texts(short.unknown)
             longest = min(longest or short.longest, short.longest or longest)
