@@ -35,8 +35,8 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
         resume: bool, output: Path | None, scheduler: str | None) -> dict[str, object]:
     """Estimate the parameters under `free:` of EXPERIMENT by least squares.
 
-    Records with `use: fit` are fitted; the others are held out as validation data. Without other records every third section
-    of the records is held out. Of several starts NAME_starts.jsonl, in the current folder, holds those that are done until
+    Records with `use: fit` are fitted; the others are held out as validation data. Without other records the last third of
+    each record is held out. Of several starts NAME_starts.jsonl, in the current folder, holds those that are done until
     the fit ends: also after a crash, --resume goes on from there.
     """
     from heavebond.commands import terminal

@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 from heavebond.core.errors import ModelError
 from heavebond.core.units import unit
+from heavebond.estimation.experiment import USES
 from heavebond.exchange.json_schema_values import (
     COMMON_ENTRIES,
     FORMULA,
@@ -84,7 +85,7 @@ def diagram() -> Schema:
         "show": _each(_object({"is": _said("a formula; without it the name itself", FORMULA), "unit": UNIT}, ["unit"]),
                       "named outputs"),
         "simulate": _object({"from": TIME, "until": TIME, "every": TIME,
-                             "solver": _said("what integrates a run; idas without it", {"enum": list(SOLVERS)})},
+                             "solver": _said("what integrates a run; auto without it", {"enum": list(SOLVERS)})},
                             description="when it begins and ends, the time between output points, and by what"),
         "view": _each({"anyOf": [view_shape(kind) for kind in SHAPES]}, "shapes that `heavebond animate` moves"),
         "source": _said("where it is from"), "notes": _said("text for readers", {})}, ["model"])
@@ -103,7 +104,7 @@ def experiment() -> Schema:
     """A diagram beside records."""
     own = _object({"file": TEXT, "time": TIME_AXIS})
     record = _object({
-        "file": _said("CSV, Parquet or MAT file"), "use": {"enum": ["fit", "validate"]}, "from": TIME, "to": TIME,
+        "file": _said("CSV, Parquet or MAT file"), "use": {"enum": list(USES)}, "from": TIME, "to": TIME,
         "set": {"$ref": "#/definitions/settings"}, "initial": _each(QUANTITY), "inputs": {"$ref": "#/definitions/inputs"},
         "outputs": _each(own)}, ["file", "use"])
     output = _object({
