@@ -105,7 +105,7 @@ export class RecordFiles {
     ...told.remarks.map((/** @type {string} */ r) => el("p", { class: "verdict" }, r)),
     el("ul", { class: "files aligned" }, ...uses.map((u, k) => el("li", {}, el("code", {}, u.file), el("select", { id: `use-${k}`, "aria-label": `use of ${u.file}`, onchange: (/** @type {any} */ e) => { u.use = e.target.value; } },
       ...USES.map(([value, text]) => el("option", { value, selected: value === u.use }, text)))))),
-    files.length === 1 ? el("p", { class: "said" }, "With one record, every third section of it is held out of the fit. Better: drop two, and hold one out.") : null,
+    files.length === 1 ? el("p", { class: "said" }, "With one record, its last third is held out of the fit. Better: drop two, and hold one out.") : null,
     el("div", { class: "scroll" }, el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["column", "curve", "range", "role", "variable of the diagram", "unit", "between samples"].map((h) => el("th", { scope: "col" }, h)))),
       el("tbody", {}, ...rows.map((/** @type {any} */ r) => r.row)))),
     el("datalist", { id: "known-inputs" }, ...options(told.inputs)), el("datalist", { id: "known-outputs" }, ...options(told.outputs)),
