@@ -134,7 +134,8 @@ class Verdict:
     def problem(self) -> Problem:
         """The failure as a problem with its code."""
         first = self.findings[0]
-        also = [f.text for f in self.findings[1:]]
+        # a finding that is not outside of a range has advice of another kind
+        also = [f.text if f.kind in ("range", "larger", *FAILURES) else f"{f.text}. {f.advice}" for f in self.findings[1:]]
         notes = (*also[:MOST_NAMED], *([f"and {count(len(also) - MOST_NAMED, 'more finding')} (--json lists all)"]
                                        if len(also) > MOST_NAMED else []))
         return Problem(f"run-{first.kind}", first.text, None, f"{self._before(first)}{first.advice}.", notes)
