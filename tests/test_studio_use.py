@@ -17,6 +17,7 @@ components:
   pump: {is: FlowSource, u: -1 L/min}
   block: {is: Volume, V: 1 L}
 nodes: {suction: [pump.a, block.a]}
+initial: {suction.p: 20 bar}
 simulate: {until: 2 s, every: 10 ms}
 """
 

@@ -24,6 +24,7 @@ export class Completion {
     if (section === "components") {
       const { palette } = this.studio;
       if (!palette.components) await palette.load();
+      if (!palette.components) return []; // the library is still being loaded, for another request
       if (/\bis:\s*\w*$/.test(before)) return [...palette.components.values()].map((c) => ({ label: c.name, type: "class", info: c.summary }));
       const kind = palette.components.get(/\bis:\s*(\w+)/.exec(doc.line(number).text)?.[1] ?? "");
       if (kind && /[{,]\s*\w*$/.test(before)) return [...this.parameters(kind, doc.line(number).text), { label: "at", type: "property", apply: "at: [", detail: "place in the drawing" }];
