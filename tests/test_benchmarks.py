@@ -22,6 +22,7 @@ def test_the_diagram_and_the_flat_equations_of_the_chain_agree() -> None:
     assert chain.disagreement(20) < 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("machine", "size", "until"), [(large.LARGE[0], 20, 6.0), (large.LARGE[1], 20, 0.5),
                                                         (large.LARGE[2], 100, 0.3)], ids=["string", "line", "cylinders"])
 def test_the_diagram_and_the_flat_equations_of_large_machines_agree(machine: large.Large, size: int, until: float) -> None:

@@ -15,6 +15,7 @@ PRODUCTS = [
     "N*s**2/m**2", "1/m/s", "L/min/bar"]
 
 
+@pytest.mark.long
 def test_the_units_library_agrees() -> None:
     for text in PRODUCTS:
         ours, theirs = units.unit(text), units._looked_up(text)

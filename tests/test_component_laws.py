@@ -175,6 +175,7 @@ def test_power_law_finds(written: Callable[[str], Component], old: str, new: str
     assert report.notes[0].startswith("power in")
 
 
+@pytest.mark.long
 def test_lugre_with_a_constant_damping_of_the_bristles_gives_power_now_and_then(
         written: Callable[[str], Component]) -> None:
     # not passive in general: K. J. Astrom, C. Canudas de Wit, IEEE Control Systems Magazine 28 (2008), no. 6, 101-114
@@ -187,6 +188,7 @@ def test_lugre_with_a_constant_damping_of_the_bristles_gives_power_now_and_then(
     assert check_power(written(LUGRE), DOMAINS).holds
 
 
+@pytest.mark.long
 def test_what_no_motion_satisfies_is_not_tried(written: Callable[[str], Component]) -> None:
     report = check_power(written(changed(SPRING, "s: {unit: m, doc", "s: {unit: m, min: 1e3 m, max: 1e3 m, doc")),
                          DOMAINS)
@@ -201,6 +203,7 @@ def test_a_declared_source_is_exempt_and_says_why(written: Callable[[str], Compo
     assert report.verdict == "Coil: not tried, declared `power: source`"
 
 
+@pytest.mark.long
 def test_a_generic_port_is_tried_in_every_domain(written: Callable[[str], Component]) -> None:
     resistor = """\
 component: Resistor

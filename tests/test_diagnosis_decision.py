@@ -42,6 +42,7 @@ def autocorrelated(random: np.random.Generator, n: int, phi: float) -> np.ndarra
     return x
 
 
+@pytest.mark.long
 def test_models_that_predict_alike_stay_in_the_set() -> None:
     """Three models with losses of the same mean, correlated along time: the set leaves one out in 5 % of the cases by
     design, in 8 % of 240 cases counted by hand (the standard error of forty blocks is uncertain itself). Of 100 cases 17 or

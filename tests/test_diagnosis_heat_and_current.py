@@ -92,6 +92,7 @@ def found(folder: Path, machine: str, hidden: str, slow: tuple[str, str], channe
     return hb.diagnose(folder / "measured.yaml", classes=classes, number=1)
 
 
+@pytest.mark.long
 def test_radiation_of_a_hot_block_is_told_from_other_losses_and_from_the_sensors(tmp_path: Path) -> None:
     said = found(tmp_path, OVEN, RADIATION, ("70 min", "95 min"),
                  {"plate": ("plate.T", "degC", "0.15 K", 0.15), "block": ("block.T", "degC", "0.15 K", 0.15)},
@@ -105,6 +106,7 @@ def test_radiation_of_a_hot_block_is_told_from_other_losses_and_from_the_sensors
     assert finding.fit.values["heat_radiation.A"] == pytest.approx(0.8*600e-4, rel=0.05)
 
 
+@pytest.mark.long
 def test_walls_that_store_heat_are_told_from_losses_and_from_a_larger_block(tmp_path: Path) -> None:
     said = found(tmp_path, OVEN, WALLS, ("70 min", "95 min"),
                  {"plate": ("plate.T", "degC", "0.15 K", 0.15), "block": ("block.T", "degC", "0.15 K", 0.15)},
@@ -129,6 +131,7 @@ def test_the_voltage_of_brushes_is_told_from_resistance_and_friction(tmp_path: P
     assert said.ladder[-1].chi2_held_out < 1.3 < 20 < said.ladder[1].chi2_held_out
 
 
+@pytest.mark.long
 def test_places_that_act_alike_are_all_named(tmp_path: Path) -> None:
     """A linear coil with one channel: whether the voltage or the measured current is late cannot be told."""
     said = found(tmp_path, COIL, "set: {late: 15 ms}\n", ("0.9 s", "0.7 s"), {"current": ("coil.i", "A", "10 mA", 10e-3)},

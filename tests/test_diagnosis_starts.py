@@ -62,6 +62,7 @@ def experiment(folder: Path, friction: str, initial: str = "", speeds: Mapping[s
     return folder / "measured.yaml"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("initial", ["", "initial: {cart.x: 0 mm, cart.v: 0 m/s}"])
 def test_a_wrong_start_alone_is_no_missing_effect(tmp_path: Path, initial: str) -> None:
     path = experiment(tmp_path, "0 N", initial)

@@ -93,6 +93,7 @@ def crossed(drawn: Drawn) -> Iterator[tuple[str, Box]]:
 
 
 # -- the bundled machines ----------------------------------------------------------------------------------------------
+@pytest.mark.long
 @pytest.mark.parametrize("name", MACHINES)
 @pytest.mark.parametrize("opened", [False, True], ids=["closed", "open"])
 def test_every_part_and_node_is_named_once(name: str, opened: bool) -> None:
@@ -107,6 +108,7 @@ def test_every_part_and_node_is_named_once(name: str, opened: bool) -> None:
     assert Counter(texts(svg, "node")) == Counter(p.rpartition(".")[2] for p in expanded.junctions if seen(p))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MACHINES)
 @pytest.mark.parametrize("values", [False, True], ids=["names", "values"])
 def test_nothing_covers_anything(name: str, values: bool) -> None:
@@ -131,6 +133,7 @@ def test_wires_of_two_nodes_never_share_a_stretch(name: str) -> None:
         assert max(stretches.values()) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MACHINES)
 def test_every_wire_reaches_each_of_its_ports(name: str) -> None:
     for drawn in bundled_sheets(name):
@@ -207,6 +210,7 @@ def test_an_input_that_reads_a_variable_shows_what() -> None:
     assert texts(svg, "formula") == ["-3 kN*s/m * load.v"]
 
 
+@pytest.mark.long
 def test_a_node_may_reach_out_of_a_block() -> None:
     text = """
 model: leaking

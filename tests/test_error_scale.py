@@ -109,6 +109,7 @@ def worst(found: np.ndarray, exact: np.ndarray) -> float:
     return float(np.abs(found - exact).max() / np.abs(exact).max())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("amplitude", [1e-15, 1e-9, 1e-6])
 def test_a_discharge_from_a_nanovolt(amplitude: float, solver: str) -> None:
@@ -117,6 +118,7 @@ def test_a_discharge_from_a_nanovolt(amplitude: float, solver: str) -> None:
     assert run.verdict.status == "clean"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_lossless_circuit_at_a_nanoampere_keeps_its_amplitude(solver: str) -> None:
     run = hb.simulate(hb.loads(TANK), solver=solver)
@@ -124,6 +126,7 @@ def test_a_lossless_circuit_at_a_nanoampere_keeps_its_amplitude(solver: str) -> 
     assert worst(run.si["l.i"], 1e-9 * np.cos(run.time / np.sqrt(1e-9))) < 1e-4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_an_oscillator_of_a_picometre(solver: str) -> None:
     run = hb.simulate(hb.loads(OSCILLATOR), solver=solver)

@@ -181,6 +181,7 @@ def test_measured_inputs_become_inputs(tmp_path: Path) -> None:
 
 
 # -- FMU -------------------------------------------------------------------------------------------------------------
+@pytest.mark.long
 @compiled
 @pytest.mark.parametrize("name", ["passive_rig", "cmc_ahc", "LOOP"])
 def test_fmpy_simulates_an_fmu_to_the_same_result(name: str, tmp_path: Path) -> None:

@@ -75,6 +75,7 @@ def candidate(base: Base, label: str = LABEL) -> Candidate:
     return next(c for c in single_candidates(base.problem.experiment) if c.label == label)
 
 
+@pytest.mark.long
 def test_a_pressure_loss_between_two_volumes_is_found(bottle: Experiment) -> None:
     step = make_stage(bottle, number=1, classes=("line resistance", "line inertance"))
     assert step.chosen is not None and step.chosen.candidate.label == LABEL

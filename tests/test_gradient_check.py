@@ -234,6 +234,7 @@ def test_unknown_names(tmp_path: Path) -> None:
 
 
 # -- costs -----------------------------------------------------------------------------------------------------------
+@pytest.mark.long
 @pytest.mark.parametrize("backwards", [False, True])
 def test_costs_and_limits_agree(backwards: bool) -> None:
     task = TuningProblem(ranges({"damper.d": "1 .. 200 N*s/m"}), "rms(load.x)/1 mm + final(load.v)/1 m*1 s",

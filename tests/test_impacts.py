@@ -113,6 +113,7 @@ def test_the_position_after_an_impact_follows_the_coefficient_of_restitution() -
         assert found.sensitivity(name, "e")[-1] == pytest.approx(difference, rel=1e-6, abs=1e-7)
 
 
+@pytest.mark.long
 def test_friction_that_sticks_gives_way_to_an_impact() -> None:
     """A finite force holds no impulse: 2 kg at 4 m/s become 8 kg at 1 m/s, which 300 N stop after m v**2/(2 F)."""
     found = run(STRUCK)
@@ -200,6 +201,7 @@ def test_the_force_of_an_impact_has_no_value_at_the_start() -> None:
         hb.assemble(hb.loads(SEESAW.replace("r.v: -1 m/s", "r.v: -1 m/s, stop.N_i: 5 N")))
 
 
+@pytest.mark.long
 def test_an_fmu_has_impacts_alone_and_none_at_which_something_yields() -> None:
     assert yielding(hb.assemble(hb.loads(SEESAW)).reduced) == []
     assert yielding(hb.assemble(hb.loads(CHAIN)).reduced) == ["last.lift", "first.lift"]

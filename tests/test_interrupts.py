@@ -350,6 +350,7 @@ def test_a_diagnosis_that_is_ended_shows_and_writes_its_answer(tmp_path: Path, n
     assert (tmp_path / "choked_report.html").stat().st_size > 10_000
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="signals are sent by POSIX means")
 def test_a_signal_while_a_diagnosis_writes_loses_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     written = diagnosis_files.write_findings

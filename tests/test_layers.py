@@ -81,6 +81,7 @@ def test_every_package_has_one_row() -> None:
     assert sorted(PACKAGES) == sorted({_package(module) for module in FILES} - {"__init__"})
 
 
+@pytest.mark.long
 @for_each("module", [m for m in FILES if m != "__init__"])
 def test_imports_point_down(module: str) -> None:
     rank = {name: k for k, name in enumerate(PACKAGES)}

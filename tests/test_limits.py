@@ -93,6 +93,7 @@ simulate: {until: 10 s}
 """
 
 
+@pytest.mark.long
 def test_a_relay_in_sliding_mode_ends_with_a_message_that_names_it() -> None:
     with pytest.raises(hb.SimulationError, match=r"'sw\.[^\n]* switched 500 times within [^\n]*\[event-sliding\]") as caught:
         hb.simulate(hb.loads(SLIDING.replace("BAND", "1e-6")))

@@ -48,6 +48,7 @@ def peak(found: Result) -> float:
     return float((found["e.p"].max() - found["e.p"][0]) / (RHO * speed * 2e-3 / (np.pi / 4 * D**2)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("line", ["Line", "DynamicLine"])
 def test_a_front_shorter_than_a_segment_is_reported_with_the_segments_that_resolve_it(line: str) -> None:
     closing = 1.5 * LENGTH / 10 / np.sqrt(BETA / RHO)  # 1.5 of 10 segments

@@ -286,6 +286,7 @@ def test_a_root_locus_takes_no_free_mode_for_a_stability_boundary() -> None:
     assert found.limits == pytest.approx((0.0,), abs=1e-8)
 
 
+@pytest.mark.long
 def test_the_command_tells_margins_only_of_a_loop_that_is_not_unstable(
         tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "pd.yaml"

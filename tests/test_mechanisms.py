@@ -162,6 +162,7 @@ def test_what_is_told_of_a_change() -> None:
     assert "bob.y, bob.v_y moves" in first["why"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["bob.L", "bob.g", "initial.bob.v_x"])
 def test_sensitivities_through_changes_of_states(name: str) -> None:
     """Sixth order differences with steps of 5e-4 of the parameter, as through events."""

@@ -86,6 +86,7 @@ def test_records_are_the_same_each_time(folder: Path) -> None:
     assert (folder / "other" / "other.yaml").is_file()
 
 
+@pytest.mark.long
 def test_a_copy_of_a_machine(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answer = call("new", "mine", "--from", "passive_rig")
     assert answer.exit_code == 0, answer.output

@@ -178,6 +178,7 @@ initial: {{start: steady}}
     return hb.assemble(hb.load(folder / "string.yaml"))
 
 
+@pytest.mark.long
 def test_a_long_string_starts_hanging_at_rest_and_refuses_where_nothing_holds_it(tmp_path: Path) -> None:
     pieces = MATRICES.max_dense // 2 + 50  # more unknowns than are ever decomposed
     first = start(string(tmp_path, pieces, "{is: Fixed}"))

@@ -73,6 +73,7 @@ def test_a_load_that_turns_below_the_sum_of_the_limits_moves_nothing(f2: tuple[f
         == pytest.approx([np.arcsin(15 / 15.01) / (2 * np.pi)], abs=SMALL)
 
 
+@pytest.mark.long
 @compiled
 def test_an_fmu_holds_parallel_contacts_as_a_run_does(tmp_path: Path) -> None:
     model = block(("f1", "f2", "f3"), "=17.9 N*sin(2*pi*time/1 s)*if_else(time > 1.5 s, 1.1, 1)", 2)

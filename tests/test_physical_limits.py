@@ -95,6 +95,7 @@ def command(folder: Path, text: str, *words: str, name: str = "run") -> tuple[in
     return said.exit_code, said.stderr, json.loads((folder / "told.json").read_text(encoding="utf-8"))
 
 
+@pytest.mark.long
 def test_a_chamber_of_negative_volume_ends_the_run_of_the_compensator(tmp_path: Path) -> None:
     """The rod leaves the active cylinder of 1.26 m after 8.6 s in a wave of 4 m; the results before it are written."""
     saved, told = tmp_path / "run.csv", tmp_path / "told.json"

@@ -191,6 +191,7 @@ def test_a_hundred_swings_keep_lengths_and_energy() -> None:
     assert np.diff(at).mean() == pytest.approx(period, rel=1e-5)  # lines between the output points
 
 
+@pytest.mark.long
 def test_a_hundred_turns_of_a_closed_loop_keep_lengths_and_energy() -> None:
     """The slider-crank of the page in a level plane, without its damper: 1e-8 of its energy at rtol 1e-12."""
     text = DIAGRAMS["slider_crank.yaml"].replace("  load:     {is: Damper, d: 20 N*s/m}\n", "").replace(", load.a]", "]")

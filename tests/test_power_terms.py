@@ -112,6 +112,7 @@ def test_a_diagram_whose_own_component_creates_power_is_told_by_check(tmp_path: 
     assert _check([str(path)]) == 0
 
 
+@pytest.mark.long
 def test_a_component_file_is_told_from_a_diagram_by_its_first_key(tmp_path: Path,
                                                                   capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "brake.yaml"

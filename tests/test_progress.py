@@ -29,6 +29,7 @@ print(time.monotonic() - began)
 """
 
 
+@pytest.mark.long
 def test_a_line_every_few_seconds_without_a_terminal() -> None:
     done = subprocess.run([sys.executable, "-c", SLOW], capture_output=True, text=True, check=True, timeout=60,
                           env={"PATH": "", "HEAVEBOND_PROGRESS": "0.5"})

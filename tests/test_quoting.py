@@ -39,6 +39,7 @@ def comment_ends(source: str) -> int:
     return len(source) - source.index("*/", 2) - 2
 
 
+@pytest.mark.long
 @given(SHARP, SHARP)
 @settings(max_examples=500, deadline=None)
 def test_no_text_ends_a_comment_of_c(first, second):

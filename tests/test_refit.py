@@ -124,6 +124,7 @@ def test_slack_is_what_a_fit_to_all_samples_takes_away(tmp_path: Path) -> None:
     assert np.isclose(apart - found.slack, together, rtol=0.05)  # as far as the tangent holds
 
 
+@pytest.mark.long
 def test_runs_that_err_by_more_than_what_a_refit_leaves_are_made_finer(tmp_path: Path) -> None:
     """A gauge with a rate limit whose lag is a millisecond: the runs of the search err by more than the noise, and a descent
     would end in the roughness of the sum of squares, at 5 to 70 noise variances."""

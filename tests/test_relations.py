@@ -41,14 +41,17 @@ def agree(*machines: str) -> int:
     return sum(c.outcome == "same" for c in all_checks.values())
 
 
+@pytest.mark.long
 def test_relations_of_mechanical_machines() -> None:
     assert agree(*MECHANICAL) >= 160
 
 
+@pytest.mark.long
 def test_relations_of_electrical_machines() -> None:
     assert agree(*ELECTRICAL) >= 80
 
 
+@pytest.mark.long
 def test_relations_of_hydraulic_thermal_and_signal_machines() -> None:
     assert agree(*OTHERS) >= 95
 

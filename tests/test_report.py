@@ -91,6 +91,7 @@ def test_every_element_is_closed(page: str) -> None:
     assert set(targets) <= set(names)
 
 
+@pytest.mark.long
 def test_verdict_ladder_and_ranking_are_told(found: Diagnosis, page: str) -> None:
     text = Tree(page).text
     assert all(" ".join(line.split()) in text for line in found.words)

@@ -67,12 +67,14 @@ def complaints(known: object, text: str) -> list[str]:
     return found
 
 
+@pytest.mark.long
 @for_each("path", BUNDLED, ids=lambda p: f"{p.parent.name}/{p.stem}", parts=2)
 def test_every_bundled_file_is_valid(path: Path, known: object) -> None:
     local = validator(path.parent) if (path.parent / "components").is_dir() else known
     assert complaints(local, path.read_text()) == []
 
 
+@pytest.mark.long
 @for_each("page", PAGES, ids=lambda p: p.stem)
 def test_every_file_of_the_documentation_is_valid(page: Path, tmp_path: Path) -> None:
     shown = {b.mark[1]: b.text for b in blocks(page) if b.mark[0] == "file" and b.mark[1].endswith(".yaml")}

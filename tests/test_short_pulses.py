@@ -90,6 +90,7 @@ def test_the_area_of_a_short_pulse(shape: str, at: str, width: str, until: str) 
     assert found == pytest.approx(SHAPES[shape][1]*seconds, rel=2e-6, abs=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shape", ["bell", "triangle"])
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_each_solver_follows_a_pulse_whose_time_another_parameter_set_moves(shape: str, solver: str) -> None:

@@ -491,6 +491,7 @@ def loops(draw):
     return rows, columns, cost, prefer_torn
 
 
+@pytest.mark.long
 @settings(max_examples=300)
 @given(loops())
 def test_a_torn_block_can_be_evaluated_in_its_sequence(loop):

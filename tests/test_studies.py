@@ -102,6 +102,7 @@ def test_files_tables_and_pictures(folder: Path) -> None:
             assert (folder / "out" / f"{name}{suffix}").stat().st_size > 10_000
 
 
+@pytest.mark.long
 def test_what_is_done_is_kept_until_a_file_changes(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Stopped after two cases, the next call works the others out; a changed diagram begins anew."""
     worked: list[int] = []
@@ -231,6 +232,7 @@ calibrate:
 """
 
 
+@pytest.mark.long
 def test_values_are_calibrated_to_numbers_of_a_known_machine(folder: Path) -> None:
     """The numbers of c = 30 kN/m and d = 1.5 kN s/m give these back; the stiff mount keeps its own spring."""
     numbers = ", ".join(f"{_transmission(f, 30e3, 1.5e3):.6f}" for f in (2, 3, 4))

@@ -262,6 +262,7 @@ def test_the_drawing_is_changed_and_undone_by_the_keyboard(tab: browser.Tab, ser
     assert tab.complaints == []
 
 
+@pytest.mark.long
 def test_a_part_is_dragged_and_what_does_not_fit_is_told(tab: browser.Tab, server: Server) -> None:
     _open(tab, server)
     _drag(tab, tab.middle("g.part[data-part='damper'] .frame"), _cell(tab, 2, 3))

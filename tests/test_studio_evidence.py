@@ -292,6 +292,7 @@ async def _done(job: LongJob) -> LongJob:
     return job
 
 
+@pytest.mark.long
 def test_a_fit_has_the_figures_of_the_command_line_and_is_written(rig: Path) -> None:
     async def work() -> tuple[Any, list[str], list[str]]:
         jobs = LongJobs()

@@ -282,6 +282,7 @@ def test_a_killed_server_has_lost_nothing(tab: browser.Tab, server: Server) -> N
     assert (server.folder / "car.yaml").read_text(encoding="utf-8") == CAR.replace("320 kg", "333 kg")
 
 
+@pytest.mark.long
 def test_names_of_others_are_text_and_nothing_else(tab: browser.Tab, server: Server) -> None:
     """What a file or its name says is shown, and never runs."""
     tab.complaints.clear()
