@@ -77,8 +77,8 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
 
 def _modes(assembly: Assembly, point: Point, slowest: int | None, at: str
            ) -> tuple[list[Mode], str | None, list[str], tuple[HeldVariable, ...]]:
-    """The modes to list, the verdict on stability (None where it was not decided), what is to be said of it, and the
-    variables that are held constant."""
+    """The modes to list, the verdict on stability (None if it is not decided), the sentences on it, and the variables that
+    are held constant."""
     from heavebond.linear.held_variables import undecided_reasons
     from heavebond.linear.linearisation import Linearisation
     from heavebond.linear.slow_modes import SLOW_MODES, slow_modes

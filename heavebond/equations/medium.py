@@ -195,8 +195,8 @@ def _number(parameter: Parameter, others: Mapping[str, Parameter]) -> float | No
 
 
 def _one_medium(defaults: Sequence[_Default]) -> dict[_Default, _Default] | None:
-    """The parts without a default of their own that take that of another part, such as the density of a tank of water; None
-    where the defaults of a circuit are of different media."""
+    """The parts that take a default from another part because they have none, such as the density of a tank of water. None
+    if the defaults of a circuit belong to different media."""
     leaders: dict[str, _Default] = {}
     for d in defaults:
         if d.deviates and not _alike(d.value, leaders.setdefault(d.parameter.medium, d).value):

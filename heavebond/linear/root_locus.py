@@ -27,8 +27,8 @@ POINTS = 81
 class RootLocus:
     """Poles (N, n) in 1/s at the values (N,) of a parameter in SI, each column following one pole; `limits` are values at
     which the last growing mode appears or goes (the stability boundary). `stability` judges each value: free modes stay at
-    exactly zero and are no limit. `filled` says what was added to nodes that store nothing, if anything; `held` are the
-    variables that are constant in the linear system, at the first value."""
+    exactly zero and are no limit. `filled` describes the volumes added to nodes that store nothing; `held` lists
+    the variables that are constant in the linear system, at the first value."""
 
     parameter: str
     unit: str

@@ -12,8 +12,8 @@ from heavebond.core.errors import Problem, SimulationError
 from heavebond.equations.resolver import Unknown
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.result import Probe, Result
-from heavebond.numerics.run_verdict import Finding, Verdict
-from heavebond.numerics.validity import physical_grace
+from heavebond.numerics.run_verdict import Verdict
+from heavebond.numerics.validity import finding_of, physical_grace
 
 CLOSE = 1e-3  # of the time of a run: longer intervals between output points are resolved to find the time of a violation
 POINTS = 200  # output points with which such an interval is resolved
@@ -82,8 +82,7 @@ def check_limits(result: Result) -> None:
     times = {int(k): _crossing(result.time, above[k], n) for k in np.flatnonzero(below[:, n])}
     k = min(times, key=lambda k: times[k])
     u = of.unknowns[k]
-    violation = Finding("physical", u.name, u.name.rpartition(".")[0], times[k], float(values[k, n]), float(of.limits[k]),
-                        u.unit.text, u.plausible.beyond)
+    violation = finding_of("physical", u, times[k], float(values[k, n]), float(of.limits[k]), u.plausible.beyond)
     raise LimitPassed([Verdict((violation,)).problem], result=replace(result.first(max(n, 1)), ended=violation))
 
 

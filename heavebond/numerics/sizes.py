@@ -35,7 +35,7 @@ class SizeConstants:
     rounding: multiple of the estimated rounding below which a value is no motion. Origin: the estimate leaves out what
         passes through several states. Doubled: smaller motions beside large cancelling forces are not followed.
     noise: share of the largest unknown, in nominal sizes, below which a value is no motion. Origin: starts are solved to
-        about 1e-12, and what is left of that decays. Doubled: smaller motions beside large ones are not followed.
+        about 1e-12, and this error decays. Doubled: smaller motions with large ones are not followed.
     max_repeats: repetitions of a run. Origin: the first one may have sizes that were errors. Doubled: nothing measurable.
     points: points of a run at which rounding is estimated. Origin: extremes of most motions. Doubled: nothing measurable.
     least_stops: stops of a run from which on they show how large its unknowns become. Origin: an oscillation of a few

@@ -185,8 +185,8 @@ def _values_of(s: RunSection, unknowns: Sequence[int], at: Points) -> Array:
 
 
 def _of_stretch(s: RunSection, duration: float, balanced: bool, ranged: bool) -> Iterator[Finding]:
-    """What is wrong in one part of a run; the power balance, whose laws are those of all parts, where it is wanted; with
-    `ranged` variables with a declared range are looked at more closely."""
+    """The findings in one section of a run. The power balance is checked on request, as its laws hold for the whole run.
+    With `ranged`, variables with a declared range are checked at more points."""
     flat, reduced, n = s.assembly.flat, s.assembly.reduced, len(s.time)
     states = {j: k for k, (j, order) in enumerate(reduced.states) if order == 0}
     yield from _outside([flat.unknowns[j] for j in states], s.x[list(states.values())], s.time, duration)
@@ -320,7 +320,7 @@ def _growing(s: RunSection) -> Iterator[Finding]:
         known = np.isfinite(u.plausible.typical)
         if order == 0 and \
                 reach[k, -1] > (VALIDITY.grown * u.plausible.typical if known else VALIDITY.grown_unknown * u.nominal):
-            yield _finding("growth", u, float(s.time[len(s.time) // 2]), float(s.x[k, -1]), None, GROWING)
+            yield finding_of("growth", u, float(s.time[len(s.time) // 2]), float(s.x[k, -1]), None, GROWING)
 
 
 def _ranged(unknown: Unknown) -> bool:
@@ -368,7 +368,7 @@ def _wrong(u: Unknown, values: Array, time: Array, duration: float) -> Iterator[
     finite = np.isfinite(values)
     if not finite.all():
         at = int(np.argmin(finite))
-        yield _finding("not-finite", u, float(time[at]), float(values[at]), None, "")
+        yield finding_of("not-finite", u, float(time[at]), float(values[at]), None, "")
         return
     typical, largest = RUNAWAY * typical_size(u, duration), _largest(u, duration)
     for kind, most, advice in (("runaway", min(typical, VALIDITY.worthless), RAN_AWAY), ("larger", largest, LARGER)):
@@ -400,8 +400,9 @@ def _passed(kind: str, u: Unknown, values: Array, time: Array, over: NDArray[np.
     if k > 0 and values[k] != values[k - 1]:
         share = float(np.clip((edge - values[k - 1]) / (values[k] - values[k - 1]), 0, 1))
         first = float(time[k - 1]) + share * (first - float(time[k - 1]))
-    return _finding(kind, u, first, worst, edge, advice)
+    return finding_of(kind, u, first, worst, edge, advice)
 
 
-def _finding(kind: str, u: Unknown, time: float, value: float, limit: float | None, advice: str) -> Finding:
+def finding_of(kind: str, u: Unknown, time: float, value: float, limit: float | None, advice: str) -> Finding:
+    """The finding on a variable, with its part and its unit."""
     return Finding(kind, u.name, u.name.rpartition(".")[0], time, value, limit, u.unit.text, advice)
