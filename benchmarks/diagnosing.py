@@ -20,9 +20,9 @@ from benchmarks.diagnosis.independent import write_case
 from benchmarks.diagnosis.long_drive import write_drive
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.measuring import Figure, cpu, duration, paired, process, spoken
-from heavebond.diagnosis.base_model import SEARCH, Base, searched
-from heavebond.diagnosis.catalogue import single_candidates
-from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
+from heavebond.diagnosis.candidates.catalogue import single_candidates
+from heavebond.diagnosis.diagnose import Diagnosis, diagnose
+from heavebond.diagnosis.search.base_model import SEARCH, Base, searched
 from heavebond.estimation.residuals import Run
 from heavebond.estimation.starter_folder import start_folder
 from heavebond.numerics.quick_simulation import QuickSimulator
@@ -33,7 +33,7 @@ HELD = "cylinder"
 LIMIT = 60.0
 # s; of the compensator the valve's overlap is sought, with the whole catalogue, in records of an independent program
 GOALS = {"first": 5.0, "passive": 8.0, "cylinder": 25.0, "compensator": 60.0, "drive": 120.0}
-MODULES = ("heavebond.commands.diagnose", "heavebond.diagnosis.diagnosis", "heavebond.localise.misfit",
+MODULES = ("heavebond.commands.diagnose", "heavebond.diagnosis.diagnose", "heavebond.localise.misfit",
            "heavebond.reports.report", "scipy.optimize")
 # what a diagnosis says it is doing, by how its words begin; these two are said when they are done, the others before
 PHASES = {"simulating": "comparing with all records",

@@ -32,9 +32,9 @@ if TYPE_CHECKING:
         UsageError,
     )
     from heavebond.diagnosis.attempt import attempt
-    from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
-    from heavebond.diagnosis.ladder import ladder
-    from heavebond.diagnosis.like_places import candidates
+    from heavebond.diagnosis.candidates.places import candidates
+    from heavebond.diagnosis.diagnose import Diagnosis, diagnose
+    from heavebond.diagnosis.state import ladder
     from heavebond.energy.audit import audit
     from heavebond.energy.simplification import simplify
     from heavebond.estimation.comparison import Comparison, compare
@@ -68,12 +68,12 @@ _EXPORTS = {
     "core.errors": ("DataError", "HeavebondError", "ModelError", "RunWarning", "SimulationError", "StartError",
                      "UsageError"),
     "records.saved_runs": ("read_run", "SavedRun"),
-    "diagnosis.like_places": ("candidates",),
+    "diagnosis.candidates.places": ("candidates",),
     "estimation.comparison": ("compare", "Comparison"),
     "diagnosis.attempt": ("attempt",),
-    "diagnosis.diagnosis": ("diagnose", "Diagnosis"),
+    "diagnosis.diagnose": ("diagnose", "Diagnosis"),
     "estimation.experiment": ("Experiment", "load_experiment"),
-    "diagnosis.ladder": ("ladder",),
+    "diagnosis.state": ("ladder",),
     "estimation.fitting": ("Fit", "fit"),
     "localise.misfit": ("Localization", "localize"),
     "language.model": ("load", "loads", "Model"),

@@ -16,10 +16,11 @@ from click.testing import CliRunner
 
 from heavebond.cli import main
 from heavebond.core import cancellation
-from heavebond.diagnosis import diagnosis, yardstick
-from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
-from heavebond.diagnosis.early_end import CURVES, VALUES
-from heavebond.diagnosis.fixed_values import VALUE
+from heavebond.diagnosis import diagnose as diagnosis
+from heavebond.diagnosis.answer.sentences import CURVES, VALUES
+from heavebond.diagnosis.candidates.fixed_values import VALUE
+from heavebond.diagnosis.diagnose import Diagnosis, diagnose
+from heavebond.diagnosis.evidence import flexible_laws
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.starter_folder import start_folder
 from heavebond.reports.report import report
@@ -115,7 +116,8 @@ def test_a_step_that_is_complete_names_its_effect_although_more_was_not_tried(
     def over(*given: Any, **named: Any) -> None:
         raise KeyboardInterrupt
 
-    for module, name in ((diagnosis, "make_value_stage"), (diagnosis, "make_curve_stage"), (yardstick, "make_curve_stage")):
+    for module, name in ((diagnosis, "make_value_stage"), (diagnosis, "make_curve_stage"),
+                         (flexible_laws, "make_curve_stage")):
         monkeypatch.setattr(module, name, over)
     found = diagnose(rig, number=1, classes=["viscous damping"], steps=1)
     assert (found.verdict, found.untried) == ("mainly", (CURVES,))

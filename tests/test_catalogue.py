@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond.diagnosis.catalogue import Candidate, single_candidates
+from heavebond.diagnosis.candidates.catalogue import Candidate, single_candidates
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment, changed_experiment, load_experiment
 from heavebond.language.library import effect_classes, library, same_class

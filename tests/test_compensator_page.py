@@ -13,9 +13,9 @@ import pytest
 import heavebond as hb
 from benchmarks.diagnosis import keeping
 from benchmarks.diagnosis.compensator import CASES, SHARE, STUDY, made
-from heavebond.diagnosis.catalogue import single_candidates
-from heavebond.diagnosis.scoring import scored
-from heavebond.diagnosis.stage import fitted_base
+from heavebond.diagnosis.candidates.catalogue import single_candidates
+from heavebond.diagnosis.search.scoring import scored
+from heavebond.diagnosis.search.step import fitted_base
 from heavebond.estimation.fitting import fit
 from heavebond.numerics.dae import Assembly
 

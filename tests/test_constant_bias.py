@@ -14,9 +14,8 @@ from click.testing import CliRunner
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.units import read_unit
-from heavebond.diagnosis.answer_notes import wrong_channels, wrong_starts
-from heavebond.diagnosis.refit import Refit
-from heavebond.diagnosis.verdict_words import _revalued, _share
+from heavebond.diagnosis.answer.sentences import _revalued, _share, wrong_channels, wrong_starts
+from heavebond.diagnosis.search.refit import Refit
 from heavebond.estimation.constant_bias import Bias, common_bias, mean_residual
 
 MODEL = """

@@ -19,20 +19,21 @@ from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
 from heavebond.cli import main
-from heavebond.diagnosis import identity, refit_schedule, residual_tests, stage
+from heavebond.diagnosis.answer.confirm import at_fit
+from heavebond.diagnosis.answer.ranking import BY_KEY, COLUMNS, JUDGEMENTS, as_dicts, entries
 from heavebond.diagnosis.attempt import attempt
+from heavebond.diagnosis.candidates.fixed_values import fixed_values
 from heavebond.diagnosis.decision import DECISION
-from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
-from heavebond.diagnosis.experiment_design import AdditionalSensor
-from heavebond.diagnosis.fixed_values import fixed_values
-from heavebond.diagnosis.full_runs import at_fit
-from heavebond.diagnosis.ladder import ladder_entry as rung_of
-from heavebond.diagnosis.ranking import BY_KEY, COLUMNS, JUDGEMENTS, as_dicts, entries
-from heavebond.diagnosis.refit import Refit
-from heavebond.diagnosis.remainder import OTHER_CAUSES, Remainder
+from heavebond.diagnosis.diagnose import Diagnosis, diagnose
+from heavebond.diagnosis.evidence import comparison, residual_tests
+from heavebond.diagnosis.evidence.flexible_laws import OTHER_CAUSES, Remainder
+from heavebond.diagnosis.search import schedule, step
+from heavebond.diagnosis.search.refit import Refit
+from heavebond.diagnosis.state import ladder_entry
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fitted, fit
+from heavebond.experiment_design.separation import AdditionalSensor
 from heavebond.language.model import load, loads
 from heavebond.localise.curves import Curve, Variable
 from heavebond.numerics.simulation import simulate
@@ -142,7 +143,7 @@ def test_what_acts_alike_is_named_together(tmp_path: Path) -> None:
 def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) -> None:
     # play whose gap closes in the fit is a compliance too; the two ends of the string are alike
     machine = Hidden(replace(RIGS["passive"], seconds=20), [KNOWN["passive", "string compliance"]], "test", tmp_path)
-    made = stage.make_stage(machine.case([4.0]).experiment, number=1, classes=["series compliance", "backlash"])
+    made = step.make_stage(machine.case([4.0]).experiment, number=1, classes=["series compliance", "backlash"])
     assert {t.candidate.kind for t in made.trials} == {"series compliance", "backlash"}
     assert {t.candidate.kind for t in made.cluster} == {"series compliance"}
     closed = [t for t in made.trials if t.chi2_fit < 1.1 and t.candidate.kind == "backlash"]
@@ -150,17 +151,17 @@ def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) 
     assert all(t.unshown == () for t in made.cluster)
     # were its gap seen, it would be another explanation
     seen = [replace(t, unshown=()) if t in closed else t for t in made.trials]
-    again = stage.choosing(replace(made, trials=tuple(seen)), made.cluster[0])
+    again = step.choosing(replace(made, trials=tuple(seen)), made.cluster[0])
     assert {t.candidate.kind for t in again.cluster} == {"series compliance", "backlash"}
     # another end that leaves more elsewhere, yet no more than noise, stays; one that leaves more does not
     best, other = made.cluster
     noise = 1 + residual_tests.SIGMAS * (2 / best.samples_held_out) ** 0.5
     for left, near in ((noise - 1e-3, True), (noise + 0.1, False)):
-        again = stage.choosing(replace(made, trials=(best, replace(other, chi2_held_out=left, slack=0.0))), best)
+        again = step.choosing(replace(made, trials=(best, replace(other, chi2_held_out=left, slack=0.0))), best)
         assert (len(again.cluster) == 2) is near
     # where neither law reaches the noise, one that leaves more by a material share of the misfit is excluded
     assert made.errors is not None
-    misfit = made.errors.mean(*identity.ALL) - 1
+    misfit = made.errors.mean(*comparison.ALL) - 1
 
     def inexact(trial: Refit, left: float) -> Refit:
         assert trial.errors is not None
@@ -170,7 +171,7 @@ def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) 
 
     def alike(left: float, other_left: float) -> bool:
         near = inexact(best, 1 + left)
-        return len(stage.choosing(replace(made, trials=(near, inexact(other, 1 + other_left))), near).cluster) == 2
+        return len(step.choosing(replace(made, trials=(near, inexact(other, 1 + other_left))), near).cluster) == 2
 
     large, small = 0.1 * misfit, 0.005 * misfit
     assert small > DECISION.near - 1
@@ -179,7 +180,7 @@ def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) 
     # or by several times what the better one leaves; near the noise, of what is called near
     assert alike(small, 0.9 * DECISION.times * small) and not alike(small, 1.1 * DECISION.times * small)
     assert alike(0.4, 0.9 * DECISION.times * 0.5) and not alike(0.4, 1.1 * DECISION.times * 0.5)
-    stiffness, loss = fit(stage.following(made)).parameters[-2:]  # 1e6 N/m, sought from 1e4 to 1e10: near neither end
+    stiffness, loss = fit(step.following(made)).parameters[-2:]  # 1e6 N/m, sought from 1e4 to 1e10: near neither end
     assert stiffness.name == "series_compliance.c" and not stiffness.at_bound
     assert loss.name == "series_compliance.T_d"
 
@@ -188,7 +189,8 @@ def test_a_channel_of_noise_alone_is_no_error(tmp_path: Path) -> None:
     # a record in which one channel hardly moves: no model leaves less than all of what was measured there
     case = Hidden(replace(RIGS["receiver"], seconds=30), [KNOWN["receiver", "leak in"]], "test", tmp_path).case([4e-10])
     still = {name: replace(output, noise=1e9) for name, output in case.experiment.outputs.items()}
-    bad, good = rung_of("", compare(case.experiment)), rung_of("", compare(replace(case.experiment, outputs=still)))
+    bad = ladder_entry("", compare(case.experiment))
+    good = ladder_entry("", compare(replace(case.experiment, outputs=still)))
     assert bad.error_held_out == good.error_held_out
 
 
@@ -229,13 +231,13 @@ def test_a_sensor_that_counts_the_other_way_is_a_gain_below_zero(tmp_path: Path)
 
 def test_where_the_largest_scores_mislead_everything_is_refitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # no score is trusted at all: what is refitted first is nothing
-    monkeypatch.setattr(refit_schedule, "REFITS", 0)
-    monkeypatch.setattr(refit_schedule, "PROMISING", 2.0)
+    monkeypatch.setattr(schedule, "REFITS", 0)
+    monkeypatch.setattr(schedule, "PROMISING", 2.0)
     said = found(tmp_path, "receiver", [("leak in", 4e-10)], ["leakage", "line resistance"])
     assert said.verdict == "effect"
     assert len(said.steps[0].trials) > 1
     experiment = said.steps[0].experiment
-    assert not stage.make_stage(experiment, number=1, classes=["leakage"], thorough=False).trials
+    assert not step.make_stage(experiment, number=1, classes=["leakage"], thorough=False).trials
 
 
 def test_too_little_motion_tells_nothing(tmp_path: Path) -> None:
@@ -245,7 +247,7 @@ def test_too_little_motion_tells_nothing(tmp_path: Path) -> None:
 
 def test_where_nothing_is_found_the_law_that_acts_in_the_residual_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """A class of the catalogue that is not what is missing, and no identified curve: the choked flow at the outlet."""
-    monkeypatch.setattr("heavebond.diagnosis.diagnosis._shape", lambda come, *others: (come, None))
+    monkeypatch.setattr("heavebond.diagnosis.diagnose._shape", lambda come, *others: (come, None))
     said = diagnose("receiver_rig/choked", classes=["sensor drift"], number=1)
     assert (said.verdict, said.findings) == ("undetermined", ())
     assert said.words[0].endswith("reduces it noticeably on held-out data.")

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond.diagnosis import early_stopping
-from heavebond.diagnosis.calibration_errors import is_calibration_error
-from heavebond.diagnosis.catalogue import single_candidates
-from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
+from heavebond.diagnosis.candidates.catalogue import single_candidates
+from heavebond.diagnosis.candidates.fixed_values import is_calibration_error
+from heavebond.diagnosis.diagnose import Diagnosis, diagnose
+from heavebond.diagnosis.search import refit_starts
 from heavebond.estimation.experiment import load_experiment
 from heavebond.language.model import load
 from heavebond.numerics.simulation import simulate
@@ -83,7 +83,7 @@ def test_friction_does_not_absorb_an_offset(tmp_path: Path) -> None:
                                                            "SensorOffset before foot.u"]
     alone = {t.candidate.component: t.cost for t in found.steps[0].trials}
     # a refit ends where its tangent promises less than a thousandth
-    assert alone["DirectionalFriction"] < (1 + early_stopping.LITTLE) * alone["CoulombFriction"]
+    assert alone["DirectionalFriction"] < (1 + refit_starts.LITTLE) * alone["CoulombFriction"]
     values = [p.value for f in found.findings for p in f.parameters]  # of the diagram with both
     assert values == pytest.approx([1.5, 8e-3], rel=0.02)
 

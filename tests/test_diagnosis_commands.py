@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from heavebond import cli
-from heavebond.diagnosis.diagnosis_files import Targets
+from heavebond.diagnosis.answer.files import Targets
 from heavebond.estimation.experiment import load_experiment
 from heavebond.language.library import bundled
 

@@ -9,11 +9,11 @@ import pytest
 
 from benchmarks.diagnosis.compensator import CASES, LEAKAGE, made
 from heavebond.diagnosis.attempt import attempt
-from heavebond.diagnosis.base_model import Base, searched
-from heavebond.diagnosis.catalogue import single_candidates
-from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
-from heavebond.diagnosis.scoring import scored
-from heavebond.diagnosis.stage import fitted_base, make_stage
+from heavebond.diagnosis.candidates.catalogue import single_candidates
+from heavebond.diagnosis.diagnose import Diagnosis, diagnose
+from heavebond.diagnosis.search.base_model import Base, searched
+from heavebond.diagnosis.search.scoring import scored
+from heavebond.diagnosis.search.step import fitted_base, make_stage
 from heavebond.estimation.fitting import fit
 from heavebond.numerics.simulator import Tolerances
 

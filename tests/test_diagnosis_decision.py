@@ -14,19 +14,28 @@ import numpy as np
 import pytest
 
 from heavebond.core.cancellation import clear_signal, time_limit
-from heavebond.diagnosis import verdict_words
-from heavebond.diagnosis.adequacy import Adequacy
-from heavebond.diagnosis.base_model import Base, searched
-from heavebond.diagnosis.catalogue import single_candidates
-from heavebond.diagnosis.confidence_set import block_length, confidence_set, resampled
-from heavebond.diagnosis.diagnosis import diagnose
-from heavebond.diagnosis.early_stopping import HOPE, MIDWAY, stop_inferior_starts
-from heavebond.diagnosis.like_places import candidates
-from heavebond.diagnosis.places import Places
-from heavebond.diagnosis.predictive_errors import FITTED, SELECTION, TEST, Series, binned, cross_validated, predictive_errors
-from heavebond.diagnosis.refit import Refit, begun
-from heavebond.diagnosis.scoring import scored
-from heavebond.diagnosis.stage import fitted_base
+from heavebond.diagnosis.answer import sentences
+from heavebond.diagnosis.candidates.catalogue import single_candidates
+from heavebond.diagnosis.candidates.places import Places, candidates
+from heavebond.diagnosis.diagnose import diagnose
+from heavebond.diagnosis.evidence.flexible_laws import Adequacy
+from heavebond.diagnosis.evidence.prediction import (
+    FITTED,
+    SELECTION,
+    TEST,
+    Series,
+    binned,
+    block_length,
+    confidence_set,
+    cross_validated,
+    predictive_errors,
+    resampled,
+)
+from heavebond.diagnosis.search.base_model import Base, searched
+from heavebond.diagnosis.search.refit import Refit, begun
+from heavebond.diagnosis.search.refit_starts import HOPE, MIDWAY, stop_inferior_starts
+from heavebond.diagnosis.search.scoring import scored
+from heavebond.diagnosis.search.step import fitted_base
 from heavebond.estimation.experiment import Experiment, is_test, load_experiment
 from heavebond.estimation.residuals import ARRIVED, GIVEN_UP, Descent
 from heavebond.language.library import same_class
@@ -280,5 +289,5 @@ def test_the_same_law_at_the_same_place_is_named_beside_the_answer() -> None:
 
     finding: Any = SimpleNamespace(candidate=law("Law").candidate, alternatives=(law("Law"), law("Other")))
     step: Any = SimpleNamespace(twins={"Law at the wall": ("Law in the wall", "Other at the wall")})
-    assert verdict_words._same_laws([finding], [step]) == ["Law in the wall is the same law as friction at the wall (Law)."]
-    assert verdict_words._same_laws([finding], [SimpleNamespace(twins={})]) == []
+    assert sentences._same_laws([finding], [step]) == ["Law in the wall is the same law as friction at the wall (Law)."]
+    assert sentences._same_laws([finding], [SimpleNamespace(twins={})]) == []

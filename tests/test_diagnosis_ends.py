@@ -12,16 +12,17 @@ import numpy as np
 import pytest
 from diagrams import CART_RIG
 
-from heavebond.diagnosis import diagnosis, verdict, verdict_words, yardstick
-from heavebond.diagnosis.adequacy import Adequacy, Comparand, adequacy
+from heavebond.diagnosis import diagnose as diagnosis
+from heavebond.diagnosis.answer import sentences, verdict
 from heavebond.diagnosis.attempt import attempt
-from heavebond.diagnosis.catalogue import single_candidates
-from heavebond.diagnosis.diagnosis import diagnose
-from heavebond.diagnosis.ladder import AddedEffect
-from heavebond.diagnosis.like_places import candidates
-from heavebond.diagnosis.places import Places
-from heavebond.diagnosis.predictive_errors import PredictiveErrors
-from heavebond.diagnosis.stage import Stage, following, make_stage, refitted_beside, single
+from heavebond.diagnosis.candidates.catalogue import single_candidates
+from heavebond.diagnosis.candidates.places import Places, candidates
+from heavebond.diagnosis.diagnose import diagnose
+from heavebond.diagnosis.evidence import flexible_laws
+from heavebond.diagnosis.evidence.flexible_laws import Adequacy, Comparand, adequacy
+from heavebond.diagnosis.evidence.prediction import PredictiveErrors
+from heavebond.diagnosis.search.step import Stage, following, make_stage, refitted_beside, single
+from heavebond.diagnosis.state import AddedEffect
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.language.model import load
 from heavebond.numerics.simulation import simulate
@@ -88,7 +89,7 @@ def test_a_range_that_ends_before_the_truth_is_told_and_names_nothing_for_sure(
                                 comparison=SimpleNamespace(experiment=given))
     finding = AddedEffect(brake, (), rung, None, (trial,))
     assert verdict.is_adequate([rung, rung], [finding]) is not bool(beyond)
-    assert ("Widen `search_range`" in " ".join(verdict_words.at_ends(finding))) is bool(beyond)
+    assert ("Widen `search_range`" in " ".join(sentences.at_ends(finding))) is bool(beyond)
 
 
 def test_a_sensor_that_is_noisier_in_a_record_is_no_missing_effect(tmp_path: Path) -> None:
@@ -116,15 +117,15 @@ def test_a_limit_of_the_parameter_is_a_value_like_any_other(tmp_path: Path) -> N
     given = measured(tmp_path, "{is: DirectionalFriction, F_p: 0.8 N, F_n: 0 N}", ("", "b", "a"))
     finding = attempt(given, "DirectionalFriction", ["rail", "load"]).finding
     assert finding.beyond == () and [p.name for p in finding.at_limits] == ["directional_friction.F_n"]
-    (line,) = verdict_words.at_ends(finding)
+    (line,) = sentences.at_ends(finding)
     assert line.startswith("directional_friction.F_n = 0 N: ") and "more of its kind" not in line
 
 
 def test_an_effect_that_does_not_show_is_not_said_to_be_there() -> None:
     """Its interval covers its whole range, as that of an effect does whose size the records do not tell."""
     finding: Any = SimpleNamespace(at_limits=(), parameters=(), beyond=(), undetermined=("brake.F_m",))
-    assert verdict_words.at_ends(finding)[0].startswith("The records show that the effect is there but not how large it is")
-    (line,) = verdict_words.at_ends(finding, shown=False)
+    assert sentences.at_ends(finding)[0].startswith("The records show that the effect is there but not how large it is")
+    (line,) = sentences.at_ends(finding, shown=False)
     assert line == "The records do not show how large the effect is: brake.F_m may lie anywhere in the range."
 
 
@@ -142,7 +143,7 @@ def test_only_rivals_that_explain_as_much_as_the_answer_are_not_excluded() -> No
     finding: Any = SimpleNamespace(candidate=answer.candidate, alternatives=(answer,),
                                    rung=SimpleNamespace(chi2_fit=8.0, chi2_held_out=9.0))
     step: Any = SimpleNamespace(chi2_fit=101.0, trials=trials)
-    (line,) = verdict_words._not_excluded([finding], [step])
+    (line,) = sentences._not_excluded([finding], [step])
     assert line == "The search for compliance at compliance (Law), which is not excluded, stopped at the end of a range " \
                    "(law.k at 5 um), beyond which it would leave less: widen `search_range`."
 
@@ -183,14 +184,14 @@ def test_a_curve_is_no_better_law_for_taking_up_a_second_effect(monkeypatch: pyt
     last: Any = SimpleNamespace(chosen=offset, candidate=offset.candidate)
     others: Any = (SimpleNamespace(chosen=refit(250.0, 4), step="offset"),)
     curves = {"base": 3.0, "base, offset": 2.0}
-    monkeypatch.setattr(yardstick, "without_effect", lambda way, k, say: others)
-    monkeypatch.setattr(yardstick, "following", lambda step: "base, offset")
-    monkeypatch.setattr(yardstick, "make_curve_stage", lambda experiment, **given: SimpleNamespace(
+    monkeypatch.setattr(flexible_laws, "without_effect", lambda way, k, say: others)
+    monkeypatch.setattr(flexible_laws, "following", lambda step: "base, offset")
+    monkeypatch.setattr(flexible_laws, "make_curve_stage", lambda experiment, **given: SimpleNamespace(
         trials=(refit(curves[experiment], 5),), partial=False, places=_PLACES))
-    monkeypatch.setattr("heavebond.diagnosis.adequacy.coverage", lambda curve, before: 1.0)
+    monkeypatch.setattr("heavebond.diagnosis.evidence.flexible_laws.coverage", lambda curve, before: 1.0)
 
     def found(way: Any, tried: bool = True) -> Any:
-        return yardstick.judged(way, True, tried, 1, 1e9, lambda text: None)[0]
+        return flexible_laws.judged(way, True, tried, 1, 1e9, lambda text: None)[0]
 
     assert found((first,)).beaten and not found((first,)).stands
     assert found((first, last)).stands and not found((first, last)).beaten
@@ -214,12 +215,12 @@ def test_a_curve_at_another_place_takes_the_name_where_it_explains_most_of_what_
     first: Any = SimpleNamespace(chosen=law, candidate=law.candidate, step=SimpleNamespace(
         errors=refit(500.0, "").errors, experiment="base"))
     left = {"channel": 30.0, "out": 35.0}
-    monkeypatch.setattr(yardstick, "make_curve_stage", lambda experiment, **given: SimpleNamespace(
+    monkeypatch.setattr(flexible_laws, "make_curve_stage", lambda experiment, **given: SimpleNamespace(
         trials=tuple(refit(level, where) for where, level in left.items()), partial=False, places=_PLACES))
-    monkeypatch.setattr("heavebond.diagnosis.adequacy.coverage", lambda curve, before: covered)
+    monkeypatch.setattr("heavebond.diagnosis.evidence.flexible_laws.coverage", lambda curve, before: covered)
 
     def found() -> Any:
-        return yardstick.judged((first,), True, True, 1, 1e9, lambda text: None)[0]
+        return flexible_laws.judged((first,), True, True, 1, 1e9, lambda text: None)[0]
 
     covered = 1.0
     assert found().stands and found().elsewhere.candidate.label == "out"
@@ -230,7 +231,7 @@ def test_a_curve_at_another_place_takes_the_name_where_it_explains_most_of_what_
 
     for together, alone in ((8.0, "out"), (3.0, None)):
         last: Any = SimpleNamespace(chosen=refit(together, "feed"))
-        curve, stage = yardstick.curve_alone((first, last), 1, 1e9, lambda text: None)
+        curve, stage = flexible_laws.curve_alone((first, last), 1, 1e9, lambda text: None)
         assert stage is not None and (curve.candidate.label if curve is not None else None) == alone
 
 
@@ -273,7 +274,7 @@ def test_a_curve_between_the_nodes_of_a_part_stands_where_a_law_in_place_of_it_d
     curve = next(c for c in found.values() if c.component == "ForceCurveOfSpeed" and Places.of(experiment).place(c)
                  == Places.of(experiment).place(law))
     named, before = refit(law, 40.0), refit(law, 500.0).errors
-    monkeypatch.setattr("heavebond.diagnosis.adequacy.coverage", lambda curve, before: 1.0)
+    monkeypatch.setattr("heavebond.diagnosis.evidence.flexible_laws.coverage", lambda curve, before: 1.0)
     stage: Any = SimpleNamespace(errors=before)
     curves: Any = SimpleNamespace(trials=(refit(curve, 35.0),), partial=False, places=Places.of(experiment))
     judged = adequacy(named, stage, Comparand(named, before, experiment), curves)

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import heavebond as hb
-from heavebond.diagnosis.diagnosis_files import Targets, write_findings
+from heavebond.diagnosis.answer.files import Targets, write_findings
 from heavebond.estimation.experiment import load_experiment
 
 OVEN = """\

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.diagnosis import keeping
 from benchmarks.diagnosis.independent import CASES, STUDY, made
-from heavebond.diagnosis.diagnosis import diagnose
+from heavebond.diagnosis.diagnose import diagnose
 from heavebond.estimation.fitting import fit
 
 pytestmark = pytest.mark.long

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from heavebond.diagnosis.base_model import Base, searched
-from heavebond.diagnosis.catalogue import single_candidates
-from heavebond.diagnosis.diagnosis import diagnose
-from heavebond.diagnosis.refit import Refit, begun, followed
-from heavebond.diagnosis.refit_schedule import planned
-from heavebond.diagnosis.scoring import scored
-from heavebond.diagnosis.stage import fitted_base
+from heavebond.diagnosis.candidates.catalogue import single_candidates
+from heavebond.diagnosis.diagnose import diagnose
+from heavebond.diagnosis.search.base_model import Base, searched
+from heavebond.diagnosis.search.refit import Refit, begun, followed
+from heavebond.diagnosis.search.schedule import planned
+from heavebond.diagnosis.search.scoring import scored
+from heavebond.diagnosis.search.step import fitted_base
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.experiment import load_experiment
 from heavebond.numerics.dae import Array

@@ -14,17 +14,17 @@ import pytest
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import RECEIVER
-from heavebond.diagnosis import ranking, stepwise_selection, verdict, verdict_words
-from heavebond.diagnosis.adequacy import Adequacy
-from heavebond.diagnosis.diagnosis import _beside, _noticeable, _SearchState, _weighed, diagnose
-from heavebond.diagnosis.fixed_values import VALUE
-from heavebond.diagnosis.ladder import AddedEffect
-from heavebond.diagnosis.predictive_errors import FITTED, SELECTION, TEST, PredictiveErrors
-from heavebond.diagnosis.range_ends import unshown_amplitudes
-from heavebond.diagnosis.refit import Refit
-from heavebond.diagnosis.residual_tests import ResidualTests
-from heavebond.diagnosis.stage import Stage, leaders, merit, simpler_law
-from heavebond.diagnosis.stepwise_selection import Selection, select_stepwise
+from heavebond.diagnosis.answer import ranking, sentences, verdict
+from heavebond.diagnosis.candidates.fixed_values import VALUE
+from heavebond.diagnosis.diagnose import _beside, _noticeable, _SearchState, _weighed, diagnose
+from heavebond.diagnosis.evidence.flexible_laws import Adequacy
+from heavebond.diagnosis.evidence.prediction import FITTED, SELECTION, TEST, PredictiveErrors
+from heavebond.diagnosis.evidence.residual_tests import ResidualTests
+from heavebond.diagnosis.search import stepwise
+from heavebond.diagnosis.search.refit import Refit, unshown_amplitudes
+from heavebond.diagnosis.search.step import Stage, leaders, merit, simpler_law
+from heavebond.diagnosis.search.stepwise import Selection, select_stepwise
+from heavebond.diagnosis.state import AddedEffect
 
 SAMPLES = 1000
 CLASSES = ("choked flow", "sensor offset", "dead band", "sensor gain")
@@ -99,7 +99,7 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
         bare = Stage(experiment(effects), dict.fromkeys(effects, 0.0), chi2 * SAMPLES, SAMPLES,
                      chi2, chi2, SAMPLES, (), ResidualTests(0, 0, 0, 9), (), tuple(trials), None, (), {}, (), False, 10.0,
                      errors=errors(chi2))
-        best = stepwise_selection.leaders(bare, 1)
+        best = stepwise.leaders(bare, 1)
         return best[0] if best else bare
 
     def experiment(effects: str) -> SimpleNamespace:
@@ -109,9 +109,9 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
         made.append(at.effects)
         return step(at.effects, "ABCD")
 
-    monkeypatch.setattr(stepwise_selection, "following", lambda made: made.chosen.experiment)
-    monkeypatch.setattr(stepwise_selection, "candidates", lambda at: [trial("", e).candidate for e in "ABCD"])
-    monkeypatch.setattr(stepwise_selection, "single", lambda at, candidate, say: step(at.effects, [candidate.label]))
+    monkeypatch.setattr(stepwise, "following", lambda made: made.chosen.experiment)
+    monkeypatch.setattr(stepwise, "candidates", lambda at: [trial("", e).candidate for e in "ABCD"])
+    monkeypatch.setattr(stepwise, "single", lambda at, candidate, say: step(at.effects, [candidate.label]))
     way, _ = select_stepwise(experiment(""), stepping, lambda text: None, most, lambda: left)
     return "".join(added.candidate.label for added in way), made
 
@@ -174,9 +174,9 @@ def test_an_effect_that_hardly_takes_anything_away_is_no_finding() -> None:
     for before, after, named in ((16.1, 15.2, False), (16.1, 12.0, True), (1.05, 1.0, True), (1e6, 9e5, False)):
         for held in (True, False):
             made = step(before, after, held)
-            way, last = _noticeable((stepwise_selection.SelectedEffect(made, ()),), made)
+            way, last = _noticeable((stepwise.SelectedEffect(made, ()),), made)
             assert (len(way) == 1, last.chosen is not None) == (named, named)
-    two = (stepwise_selection.SelectedEffect(step(16.1, 15.2), ()), stepwise_selection.SelectedEffect(step(15.2, 1.0), ()))
+    two = (stepwise.SelectedEffect(step(16.1, 15.2), ()), stepwise.SelectedEffect(step(15.2, 1.0), ()))
     assert _noticeable(two, two[1].step)[0] == two
 
 
@@ -195,7 +195,7 @@ def test_a_score_that_no_refit_justifies_is_noise(monkeypatch: pytest.MonkeyPatc
     assert said(5e-4) == said(0.009, size=0.004) == said(0.009, memory=0.004) == said(0.009, held=1.2) == "undetermined"
     assert said(0.009, complete=False) == said(0.009, partial=True) == "undetermined"
     step = replace(EMPTY, left=ResidualTests(0.009, 0.5, 0.5, 3.7))
-    assert "z = 3.7, is exceeded by chance in 0.9 % of such records" in verdict_words._nothing(ladder, (), [step])
+    assert "z = 3.7, is exceeded by chance in 0.9 % of such records" in sentences._nothing(ladder, (), [step])
 
 
 def test_an_effect_that_is_not_missed_any_more_is_taken_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -234,11 +234,11 @@ def test_an_effect_is_beaten_only_where_it_is_at_its_best(monkeypatch: pytest.Mo
 
 def test_an_effect_has_the_alternatives_again_that_it_had_without_a_later_one() -> None:
     first, rival, other = (SimpleNamespace(candidate=SimpleNamespace(label=name)) for name in "ABC")
-    alone: Any = stepwise_selection.SelectedEffect(replace(EMPTY, chosen=first), (first, rival))
-    later: Any = stepwise_selection.SelectedEffect(replace(EMPTY, chosen=other), (other,), frozenset("A"))
+    alone: Any = stepwise.SelectedEffect(replace(EMPTY, chosen=first), (first, rival))
+    later: Any = stepwise.SelectedEffect(replace(EMPTY, chosen=other), (other,), frozenset("A"))
     beside = alone.judged((first,), frozenset("C"))
-    assert stepwise_selection._among((beside, later)) == (beside, later)
-    (again,) = stepwise_selection._among((beside,))
+    assert stepwise._among((beside, later)) == (beside, later)
+    (again,) = stepwise._among((beside,))
     assert again.alternatives == (first, rival) and again.beside == frozenset()
     # and beside it once more those that were found beside it
     assert again.among(frozenset("C")).alternatives == (first,)
@@ -249,13 +249,13 @@ def test_an_effect_has_the_alternatives_again_that_it_had_without_a_later_one() 
 def test_what_remains_without_an_effect_that_is_not_named_is_looked_back_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """B takes the place of C beside A, so what A and B may be is asked beside each other, once each."""
     asked: list[tuple[str, str]] = []
-    before = stepwise_selection._asked_again
+    before = stepwise._asked_again
 
     def noted(way: Selection, k: int, *more: Any) -> Selection | None:
         asked.append(("".join(added.candidate.label for added in way), way[k].candidate.label))
         return before(way, k, *more)
 
-    monkeypatch.setattr(stepwise_selection, "_asked_again", noted)
+    monkeypatch.setattr(stepwise, "_asked_again", noted)
     assert climbed(monkeypatch, {"": 1000, "C": 10, "AC": 2, "A": 300, "AB": 1, "B": 400})[0] == "BA"
     assert asked == [("CA", "C"), ("BA", "A")]
 
@@ -265,7 +265,7 @@ def test_a_name_by_an_effect_that_is_taken_out_goes_back_to_what_drove_it() -> N
         return SimpleNamespace(component="Delay", attaches="input", place=f"before {signal}", signal=signal)
 
     gone = SimpleNamespace(change=SimpleNamespace(moved={"inlet.u": "lag_inlet.u"}))
-    same: Any = stepwise_selection._is
+    same: Any = stepwise._is
     assert same(delay("inlet.u"), delay("lag_inlet.u"), gone) and same(delay("outlet.u"), delay("outlet.u"), gone)
     assert not same(delay("lag_inlet.u"), delay("lag_inlet.u"), gone) and not same(delay("outlet.u"), delay("inlet.u"), gone)
 
@@ -275,7 +275,7 @@ def test_two_laws_of_one_name_are_named_once() -> None:
         return SimpleNamespace(candidate=SimpleNamespace(attaches="across", kind=kind, place="at the wall", component="Law"),
                                alternatives=())
 
-    assert verdict_words._effect([], [found("drag"), found("stiffness"), found("stiffness")]) == \
+    assert sentences._effect([], [found("drag"), found("stiffness"), found("stiffness")]) == \
         "Missing: drag at the wall (Law); stiffness at the wall (Law), 2 times."
 
 
@@ -285,22 +285,22 @@ def test_every_law_that_is_starred_is_named() -> None:
                                                          component=name, where=("wall",)))
 
     finding = AddedEffect(law("Law1").candidate, *[None] * 3, tuple(law(f"Law{k}") for k in range(1, 10)))
-    for said in (verdict_words._effect([], [finding]),
-                 verdict_words._mainly([replace(finding, rung=_rung(9, 9))], Adequacy(0.8))):
+    for said in (sentences._effect([], [finding]),
+                 sentences._mainly([replace(finding, rung=_rung(9, 9))], Adequacy(0.8))):
         assert "friction at the wall (Law1)." in said and f"{', '.join(f'Law{k}' for k in range(2, 10))} there." in said
     # where all are named one by one, the laws of one place are one name
     other = law("Law0")
     other.candidate.place, other.candidate.where = "at the floor", ("floor",)
     unsure = replace(finding, alternatives=(*finding.alternatives, other))
-    assert verdict_words._one_of([], [unsure]) == "Missing: friction at the wall or at the floor. " \
+    assert sentences._one_of([], [unsure]) == "Missing: friction at the wall or at the floor. " \
         "The records cannot tell these places apart."
     play = law("Law10")
     play.candidate.kind = "play"
     either = replace(unsure, alternatives=(*unsure.alternatives, play))
-    assert verdict_words._one_of([], [either]) == "Missing: friction at the wall or at the floor; or play at the wall. " \
+    assert sentences._one_of([], [either]) == "Missing: friction at the wall or at the floor; or play at the wall. " \
         "The records cannot tell these apart."
     either = replace(finding, alternatives=(*finding.alternatives, play))
-    assert verdict_words._one_of([], [either]).startswith("Missing: friction at the wall or play at the wall. ")
+    assert sentences._one_of([], [either]).startswith("Missing: friction at the wall or play at the wall. ")
 
 
 def test_a_candidate_whose_search_stopped_at_an_end_does_not_count_as_refitted() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.diagnosis.diagnosis_files import Targets, write_findings
+from heavebond.diagnosis.answer.files import Targets, write_findings
 from heavebond.estimation.experiment import load_experiment
 
 CART = """\

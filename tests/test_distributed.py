@@ -25,11 +25,11 @@ import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.cluster import Cluster
 from heavebond.core.kept_lines import KeptLines
-from heavebond.diagnosis.candidate_workers import Workers, working_on
-from heavebond.diagnosis.catalogue import single_candidates
-from heavebond.diagnosis.refit import Refit
-from heavebond.diagnosis.scoring import Score
-from heavebond.diagnosis.stage import fitted_base
+from heavebond.diagnosis.candidates.catalogue import single_candidates
+from heavebond.diagnosis.search.refit import Refit
+from heavebond.diagnosis.search.scoring import Score
+from heavebond.diagnosis.search.step import fitted_base
+from heavebond.diagnosis.search.workers import Workers, working_on
 from heavebond.estimation.experiment import load_experiment
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are killed otherwise here")

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from heavebond.diagnosis.answer_notes import broken_candidates
-from heavebond.diagnosis.base_model import Base
-from heavebond.diagnosis.catalogue import Candidate, single_candidates
-from heavebond.diagnosis.finite_amplitudes import HIGHEST, LOWEST, from_finite_amplitudes
-from heavebond.diagnosis.kept_refits import restored_scores, scores_entry
-from heavebond.diagnosis.scoring import scored
-from heavebond.diagnosis.stage import fitted_base, make_stage
+from heavebond.diagnosis.answer.sentences import broken_candidates
+from heavebond.diagnosis.candidates.catalogue import Candidate, single_candidates
+from heavebond.diagnosis.search.base_model import Base
+from heavebond.diagnosis.search.scoring import HIGHEST, LOWEST, from_finite_amplitudes, scored
+from heavebond.diagnosis.search.step import fitted_base, make_stage
+from heavebond.diagnosis.search.workers import restored_scores, scores_entry
 from heavebond.estimation.experiment import Experiment, load_experiment
 
 DIAGRAM = """

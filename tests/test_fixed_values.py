@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.diagnosis.fixed_values import fixed_values
+from heavebond.diagnosis.candidates.fixed_values import fixed_values
 from heavebond.estimation.experiment import load_experiment
 
 LIFT = """\

@@ -13,15 +13,21 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import heavebond as hb
-from heavebond.diagnosis import further_effects
-from heavebond.diagnosis.adequacy import _as_good, better
-from heavebond.diagnosis.base_model import Base
-from heavebond.diagnosis.catalogue import EffectNumber
-from heavebond.diagnosis.constancy import Constancy, constancy
-from heavebond.diagnosis.further_effects import material_share, supported
-from heavebond.diagnosis.predictive_errors import FITTED, SELECTION, PredictiveErrors
-from heavebond.diagnosis.stage import fitted_base
-from heavebond.diagnosis.stepwise_selection import SelectedEffect, Selection, within_the_error
+from heavebond.diagnosis.candidates.catalogue import EffectNumber
+from heavebond.diagnosis.evidence.flexible_laws import _as_good, better
+from heavebond.diagnosis.evidence.prediction import FITTED, SELECTION, PredictiveErrors
+from heavebond.diagnosis.search import stepwise
+from heavebond.diagnosis.search.base_model import Base
+from heavebond.diagnosis.search.step import fitted_base
+from heavebond.diagnosis.search.stepwise import (
+    Constancy,
+    SelectedEffect,
+    Selection,
+    constancy,
+    material_share,
+    supported,
+    within_the_error,
+)
 
 DIAGRAM = """
 model: oscillator
@@ -122,7 +128,7 @@ def ladder(*chi2: float, given: bool = True) -> Selection:
 def test_a_further_effect_is_named_by_its_share_and_its_constancy(
         chi2: tuple[float, ...], given: bool, varies: bool, named: int, monkeypatch: pytest.MonkeyPatch) -> None:
     strength = Constancy((0.5, 0.7, 1.0, 1.1, 1.3) if varies else (1.0,) * 5, 1e-6 if varies else 0.6)
-    monkeypatch.setattr(further_effects, "_constancy", lambda added: strength)
+    monkeypatch.setattr(stepwise, "_constancy", lambda added: strength)
     way, dropped = supported(ladder(*chi2, given=given), lambda text: None)
     assert len(way) == named and len(dropped) == len(chi2) - 1 - named
     if dropped:

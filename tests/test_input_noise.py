@@ -10,10 +10,10 @@ import pytest
 
 import heavebond as hb
 from heavebond.core.errors import ModelError
-from heavebond.diagnosis.catalogue import single_candidates
-from heavebond.diagnosis.residual_tests import leftover
-from heavebond.diagnosis.scoring import scored
-from heavebond.diagnosis.stage import fitted_base
+from heavebond.diagnosis.candidates.catalogue import single_candidates
+from heavebond.diagnosis.evidence.residual_tests import leftover
+from heavebond.diagnosis.search.scoring import scored
+from heavebond.diagnosis.search.step import fitted_base
 from heavebond.estimation.experiment import load_experiment
 from heavebond.estimation.feedback import feedback
 from heavebond.estimation.input_noise import with_input_noise

@@ -20,7 +20,7 @@ import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.cancellation import check, clear_signal, deferred, finishing, is_interrupt, listening
 from heavebond.core.parallel import Processes, as_done
-from heavebond.diagnosis import diagnosis_files
+from heavebond.diagnosis.answer import files
 from heavebond.estimation.residuals import Residuals
 from heavebond.optimise.objective import Objective
 
@@ -353,13 +353,13 @@ def test_a_diagnosis_that_is_ended_shows_and_writes_its_answer(tmp_path: Path, n
 @pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="signals are sent by POSIX means")
 def test_a_signal_while_a_diagnosis_writes_loses_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    written = diagnosis_files.write_findings
+    written = files.write_findings
 
     def interrupted(*args: Any) -> list[Path]:
         terminate()
         return written(*args)
 
-    monkeypatch.setattr(diagnosis_files, "write_findings", interrupted)
+    monkeypatch.setattr(files, "write_findings", interrupted)
     Path("damped.yaml").write_text(CHIRP.replace("chirp\n", "damped\n").replace("spring.d: 5 .. 80 N*s/m", ""))
     answer = CliRunner().invoke(main, ["diagnose", "damped.yaml", "--only", "value of a parameter", "--processes", "1"])
     assert answer.exit_code == 0, answer.output

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.diagnosis.catalogue import Candidate, single_candidates
-from heavebond.diagnosis.like_places import beyond_their_members, candidates
-from heavebond.diagnosis.scoring import motion_ranges, scored
-from heavebond.diagnosis.stage import fitted_base, single
+from heavebond.diagnosis.candidates.catalogue import Candidate, single_candidates
+from heavebond.diagnosis.candidates.places import candidates
+from heavebond.diagnosis.search.schedule import beyond_their_members
+from heavebond.diagnosis.search.scoring import motion_ranges, scored
+from heavebond.diagnosis.search.step import fitted_base, single
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.language.model import load
 from heavebond.numerics.simulation import simulate

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import heavebond as hb
-from heavebond.diagnosis.catalogue import single_candidates
+from heavebond.diagnosis.candidates.catalogue import single_candidates
 from heavebond.estimation.experiment import changed_experiment
 
 WINCH = """\

@@ -10,7 +10,7 @@ import pytest
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import ModelError
-from heavebond.diagnosis.catalogue import single_candidates
+from heavebond.diagnosis.candidates.catalogue import single_candidates
 from heavebond.estimation.experiment import load_experiment
 from heavebond.language.library import library
 from heavebond.reports.summary import summary

@@ -21,8 +21,8 @@ import pytest
 
 import heavebond as hb
 from heavebond.core import reporting as core_reporting
-from heavebond.diagnosis.diagnosis import Diagnosis
-from heavebond.diagnosis.ladder import ladder_entry
+from heavebond.diagnosis.diagnose import Diagnosis
+from heavebond.diagnosis.state import ladder_entry
 
 pytestmark = pytest.mark.long
 

@@ -64,7 +64,7 @@ def test_the_command_line_refuses_them_too(text: str, tmp_path: Path) -> None:
 
 
 def test_counts_in_files_have_plain_digits(tmp_path: Path) -> None:
-    from heavebond.diagnosis.diagnosis_files import _counted
+    from heavebond.diagnosis.answer.files import _counted
 
     assert _counted("rig_\u00b2", 1) == "rig_\u00b2_2"
     assert whole("9" * 5000) is None

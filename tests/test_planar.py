@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipk
 
 import heavebond as hb
-from heavebond.diagnosis.catalogue import single_candidates
+from heavebond.diagnosis.candidates.catalogue import single_candidates
 from heavebond.energy.audit import audit
 from heavebond.equations.places import nodes_of
 from heavebond.language.library import library

@@ -15,7 +15,7 @@ from matplotlib.image import imread
 from matplotlib.transforms import Bbox
 
 import heavebond as hb
-from heavebond.diagnosis.ladder import LadderEntry
+from heavebond.diagnosis.state import LadderEntry
 from heavebond.estimation.comparison import Comparison
 from heavebond.pictures.plot import COLOURS, DENSE, plot_comparison, plot_ladder, plot_runs, plot_signals, save
 

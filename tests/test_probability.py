@@ -16,11 +16,11 @@ import heavebond as hb
 from benchmarks.diagnosis import drawing, reliability
 from benchmarks.diagnosis.machines import MACHINES
 from benchmarks.diagnosis.verdicts import interval, outcome
-from heavebond.diagnosis import probability
-from heavebond.diagnosis.catalogue import single_candidates
-from heavebond.diagnosis.fixed_values import VALUE
-from heavebond.diagnosis.places import Places
-from heavebond.diagnosis.probability import (
+from heavebond.diagnosis.candidates.catalogue import single_candidates
+from heavebond.diagnosis.candidates.fixed_values import VALUE
+from heavebond.diagnosis.candidates.places import Places
+from heavebond.diagnosis.evidence import probability
+from heavebond.diagnosis.evidence.probability import (
     NOTHING,
     OTHER,
     OUTSIDE,
@@ -35,8 +35,8 @@ from heavebond.diagnosis.probability import (
     resemblance,
     stated,
 )
-from heavebond.diagnosis.refit import Refit
-from heavebond.diagnosis.residual_tests import ResidualTests
+from heavebond.diagnosis.evidence.residual_tests import ResidualTests
+from heavebond.diagnosis.search.refit import Refit
 
 FRICTION = Event("dry friction", 0.0, "between bed and slide", ("bed", "slide"), ("CoulombFriction between bed and slide",))
 DRAG = Event("quadratic damping", 0.0, "between bed and slide", ("bed", "slide"), ("Drag between bed and slide",))

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from heavebond.core.errors import SimulationError
-from heavebond.diagnosis.base_model import SEARCH
-from heavebond.diagnosis.catalogue import single_candidates
+from heavebond.diagnosis.candidates.catalogue import single_candidates
+from heavebond.diagnosis.search.base_model import SEARCH
 from heavebond.estimation import residuals
 from heavebond.estimation.experiment import Experiment, changed_experiment, load_experiment
 from heavebond.estimation.residuals import Descent, Exceeded, Residuals, Run

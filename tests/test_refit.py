@@ -17,15 +17,15 @@ from benchmarks.diagnosis.machines import MACHINES
 from benchmarks.diagnosis.making import Hidden, made
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
-from heavebond.diagnosis import refit, refit_starts
-from heavebond.diagnosis.base_model import Base
-from heavebond.diagnosis.catalogue import Candidate, single_candidates
-from heavebond.diagnosis.diagnosis import diagnose
-from heavebond.diagnosis.kept_refits import entry, restored
-from heavebond.diagnosis.refit import Refit, begun, followed, polished
-from heavebond.diagnosis.scoring import Score, scored
-from heavebond.diagnosis.stage import fitted_base, is_noticeable, make_stage
-from heavebond.diagnosis.verdict_words import _not_held_out
+from heavebond.diagnosis.answer.sentences import _not_held_out
+from heavebond.diagnosis.candidates.catalogue import Candidate, single_candidates
+from heavebond.diagnosis.diagnose import diagnose
+from heavebond.diagnosis.search import refit, refit_starts
+from heavebond.diagnosis.search.base_model import Base
+from heavebond.diagnosis.search.refit import Refit, begun, followed, polished
+from heavebond.diagnosis.search.scoring import Score, scored
+from heavebond.diagnosis.search.step import fitted_base, is_noticeable, make_stage
+from heavebond.diagnosis.search.workers import entry, restored
 
 
 def refitted(base: Base, candidate: Candidate, guesses: Sequence[Score]) -> Refit | None:

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from heavebond.diagnosis.refit_schedule import RefitSchedule
+from heavebond.diagnosis.search.schedule import RefitSchedule
 from heavebond.estimation.residuals import Descent
 
 SAMPLES = 1000

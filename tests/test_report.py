@@ -14,10 +14,10 @@ import pytest
 from browser import Tab, browser
 
 from heavebond.core.presentation import number, readable
-from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
-from heavebond.diagnosis.experiment_design import Alternative, separate
-from heavebond.diagnosis.ladder import channel_errors, parameter_description, restrictions
-from heavebond.diagnosis.ranking import BY_KEY, entries
+from heavebond.diagnosis.answer.ranking import BY_KEY, entries
+from heavebond.diagnosis.diagnose import Diagnosis, diagnose
+from heavebond.diagnosis.state import channel_errors, parameter_description, restrictions
+from heavebond.experiment_design.separation import Alternative, separate
 from heavebond.localise.misfit import Localization, localize
 from heavebond.pictures.markup import data_block, element, escaped
 from heavebond.reports.report import report

@@ -19,11 +19,11 @@ import pytest
 from click.testing import CliRunner
 
 from heavebond.cli import main
-from heavebond.diagnosis import candidate_workers
-from heavebond.diagnosis.catalogue import single_candidates
-from heavebond.diagnosis.kept_refits import digest_of, restored_scores, scores_entry
-from heavebond.diagnosis.scoring import SAME, scored
-from heavebond.diagnosis.stage import fitted_base
+from heavebond.diagnosis.candidates.catalogue import single_candidates
+from heavebond.diagnosis.search import workers
+from heavebond.diagnosis.search.scoring import SAME, scored
+from heavebond.diagnosis.search.step import fitted_base
+from heavebond.diagnosis.search.workers import digest_of, restored_scores, scores_entry
 from heavebond.estimation.experiment import load_experiment
 from heavebond.language.library import bundled
 
@@ -71,7 +71,7 @@ def counted(monkeypatch: pytest.MonkeyPatch, end_after: int = 0) -> Made:
         return called
 
     for name, where in (("begun", made), ("followed", made), ("polished", made), ("scored", made.scored)):
-        monkeypatch.setattr(candidate_workers, name, counting(name, getattr(candidate_workers, name), where))
+        monkeypatch.setattr(workers, name, counting(name, getattr(workers, name), where))
     return made
 
 

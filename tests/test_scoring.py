@@ -13,13 +13,13 @@ import pytest
 
 from benchmarks.diagnosis.drawing import drawn
 from benchmarks.diagnosis.machines import MACHINES
-from heavebond.diagnosis import base_model, refit_schedule, scoring
-from heavebond.diagnosis.base_model import Base, searched
-from heavebond.diagnosis.catalogue import Candidate, single_candidates
-from heavebond.diagnosis.equivalent_values import NEARLY, _beside, _held_directions, equivalent_values
-from heavebond.diagnosis.fixed_values import VALUE
-from heavebond.diagnosis.scoring import SAME, Score, scored
-from heavebond.diagnosis.verdict_words import acting_as_values
+from heavebond.diagnosis.answer.sentences import acting_as_values
+from heavebond.diagnosis.candidates.catalogue import Candidate, single_candidates
+from heavebond.diagnosis.candidates.fixed_values import VALUE
+from heavebond.diagnosis.evidence.comparison import NEARLY, _beside, _held_directions, equivalent_values
+from heavebond.diagnosis.search import base_model, schedule, scoring
+from heavebond.diagnosis.search.base_model import Base, searched
+from heavebond.diagnosis.search.scoring import SAME, Score, scored
 from heavebond.estimation.comparison import assemble_for, driven_by
 from heavebond.estimation.experiment import load_experiment
 from heavebond.estimation.residuals import Residuals, Run
@@ -216,7 +216,7 @@ def test_laws_with_other_shapes_are_not_the_same_machine() -> None:
     plain = Score(candidate, {}, 9.0, 1.0, np.zeros(0), 1.0, 1.0, direction)
     for shapes, alike in (({}, True), ({"s_0": 1.0, "s_1": 2.0}, False)):
         other = Score(candidate, shapes, 9.0, 1.0, np.zeros(0), 1.0, 1.0, direction)
-        assert refit_schedule._same([plain], [other], {}) is alike
+        assert schedule._same([plain], [other], {}) is alike
 
 
 def test_a_law_of_an_input_and_of_a_channel_are_refitted_both_unless_their_tangents_are_one() -> None:
@@ -229,7 +229,7 @@ def test_a_law_of_an_input_and_of_a_channel_are_refitted_both_unless_their_tange
             directions = np.array([1.0, 0.0]), np.array([np.cos(turned), np.sin(turned)])
             one, other = ([Score(found[label], {}, 9.0, 1.0, np.zeros(0), 1.0, 1.0, direction)]
                           for label, direction in zip((first, second), directions, strict=True))
-            assert refit_schedule._same(one, other, {"receiver": "supply"}) is alike
+            assert schedule._same(one, other, {"receiver": "supply"}) is alike
 
 
 def test_one_diagram_serves_records_that_differ_in_their_files_alone(problem: Residuals) -> None:

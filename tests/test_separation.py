@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond.diagnosis.alternatives import Alternative
-from heavebond.diagnosis.diagnosis import diagnose
-from heavebond.diagnosis.diagnosis_files import write_proposal
-from heavebond.diagnosis.experiment_design import Separation, separate
-from heavebond.diagnosis.proposals import Limits, Recorded, family
+from heavebond.diagnosis.answer.files import write_proposal
+from heavebond.diagnosis.diagnose import diagnose
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import fit
+from heavebond.experiment_design.proposals import Limits, Recorded, family
+from heavebond.experiment_design.separation import Alternative, Separation, separate
 from heavebond.numerics.dae import Array
 from heavebond.numerics.simulator import Simulator
 

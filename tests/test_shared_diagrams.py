@@ -10,13 +10,12 @@ import pytest
 
 from benchmarks.diagnosis.rigs import RIGS
 from heavebond.core.errors import ModelError
-from heavebond.diagnosis.base_model import Base
-from heavebond.diagnosis.candidate_workers import Workers
-from heavebond.diagnosis.catalogue import Candidate
-from heavebond.diagnosis.like_places import candidates, named_apart
-from heavebond.diagnosis.scoring import Score, scored
-from heavebond.diagnosis.shared_diagrams import SharedDiagram, shared_diagrams
-from heavebond.diagnosis.stage import fitted_base
+from heavebond.diagnosis.candidates.catalogue import Candidate
+from heavebond.diagnosis.candidates.places import candidates, named_apart
+from heavebond.diagnosis.search.base_model import Base, SharedDiagram, shared_diagrams
+from heavebond.diagnosis.search.scoring import Score, scored
+from heavebond.diagnosis.search.step import fitted_base
+from heavebond.diagnosis.search.workers import Workers
 from heavebond.estimation.experiment import load_experiment
 from heavebond.language.edits import Change
 from heavebond.text.yaml_source import parse

@@ -9,8 +9,8 @@ from click.testing import CliRunner
 
 from heavebond.cli import main
 from heavebond.core.errors import DataError, HeavebondError, ModelError
-from heavebond.diagnosis import verdict, verdict_words
-from heavebond.diagnosis.ladder import LadderEntry
+from heavebond.diagnosis.answer import sentences, verdict
+from heavebond.diagnosis.state import LadderEntry
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.experiment import load_experiment
 from heavebond.estimation.fitting import fit
@@ -232,7 +232,7 @@ def test_noise_where_it_is_fitted_and_misfit_where_not_is_not_nothing() -> None:
     for held_out, said in ((5687.0, "undetermined"), (1.4, "nothing")):
         ladder = [LadderEntry("rig", 1.1, 0.4, 1.1, held_out, comparison)]
         assert verdict.verdict(None, ladder, [], [step], None) == said
-    (told,) = verdict_words.sentences("undetermined", [LadderEntry("rig", 1.1, 0.4, 1.1, 5687.0, comparison)],
+    (told,) = sentences.sentences("undetermined", [LadderEntry("rig", 1.1, 0.4, 1.1, 5687.0, comparison)],
                                 [], [step], None)
     assert "reduced chi-square is 5687" in told and "`use: fit`" in told
 
@@ -247,7 +247,7 @@ def test_an_estimated_noise_that_cannot_be_right_is_told() -> None:
     comparison = SimpleNamespace(parts=(SimpleNamespace(use="validate", channels=channels),),
                                  experiment=SimpleNamespace(outputs=outputs, estimated_noise=estimates))
     step = SimpleNamespace(left=SimpleNamespace(significant=True), partial=False, at_end=())
-    told = verdict_words.sentences("undetermined", [LadderEntry("rig", 1.1, 0.4, 9.0, 9.0, comparison)],
+    told = sentences.sentences("undetermined", [LadderEntry("rig", 1.1, 0.4, 9.0, 9.0, comparison)],
                              [], [step], None)
     assert told[1].startswith("The noise of quick (estimated at 0.02 N) cannot be separated from the signal")
     assert "`noise: 0.04 N` at filtered: then" in told[2] and "given" not in told[2] and "wrong" not in told[2]

@@ -13,14 +13,13 @@ import numpy as np
 import pytest
 
 from heavebond.core.progress import Progress
-from heavebond.diagnosis.base_model import Base
-from heavebond.diagnosis.candidate_workers import Workers
-from heavebond.diagnosis.catalogue import Candidate, single_candidates
-from heavebond.diagnosis.diagnosis import diagnose
-from heavebond.diagnosis.refit import Refit
-from heavebond.diagnosis.scoring import Score, scored
-from heavebond.diagnosis.shared_diagrams import SharedDiagram
-from heavebond.diagnosis.stage import fitted_base, make_stage
+from heavebond.diagnosis.candidates.catalogue import Candidate, single_candidates
+from heavebond.diagnosis.diagnose import diagnose
+from heavebond.diagnosis.search.base_model import Base, SharedDiagram
+from heavebond.diagnosis.search.refit import Refit
+from heavebond.diagnosis.search.scoring import Score, scored
+from heavebond.diagnosis.search.step import fitted_base, make_stage
+from heavebond.diagnosis.search.workers import Workers
 from heavebond.estimation.experiment import load_experiment
 
 CHOSEN = ("PneumaticValve in inlet (b_cr)", "SensorGain in the channel receiver.p", "DeadBand before inlet.u")
@@ -105,13 +104,13 @@ def _not_followed(base: Base, trial: Refit, guesses: Sequence[Score], progress: 
 def test_a_worker_that_the_system_kills_costs_its_candidate_only(
         base: Base, chosen: list[Candidate], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("heavebond.diagnosis.candidate_workers.scored", _dying)
+    monkeypatch.setattr("heavebond.diagnosis.search.workers.scored", _dying)
     with Workers(base, 2) as workers:
         scores = {c.label: got for c, got in workers.score(chosen)}
     assert Path("died").exists() and Path("dead").exists()
     assert set(scores) == set(CHOSEN) and workers.lost == [CHOSEN[1]]
     assert scores[CHOSEN[0]] and not scores[CHOSEN[1]] and scores[CHOSEN[2]]
-    monkeypatch.setattr("heavebond.diagnosis.candidate_workers.followed", _not_followed)
+    monkeypatch.setattr("heavebond.diagnosis.search.workers.followed", _not_followed)
     with Workers(base, 2) as workers:
         begun = [t for _, t in workers.begin([(c, scores[c.label]) for c in chosen if scores[c.label]]) if t is not None]
         after = {c.label: t for c, t in workers.follow([(t, scores[t.candidate.label]) for t in begun])}
@@ -121,7 +120,7 @@ def test_a_worker_that_the_system_kills_costs_its_candidate_only(
 
 @pytest.mark.long
 def test_a_diagnosis_says_what_it_is_without(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("heavebond.diagnosis.candidate_workers.scored", _killed)
+    monkeypatch.setattr("heavebond.diagnosis.search.workers.scored", _killed)
     found = diagnose("receiver_rig/choked", number=2, classes=("sensor gain",))
     assert found.steps[0].lost and found.as_dict()["lost"] == sorted(found.steps[0].lost)
     assert any(line.startswith("Not tried to the end: ") and found.steps[0].lost[0] in line for line in found.words)

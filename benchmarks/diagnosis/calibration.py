@@ -2,7 +2,7 @@
 
 `python -m benchmarks.diagnosis.calibration [SECONDS [MACHINE ...]]` diagnoses the cases that are not on disk yet, one of
 each machine after the other, for so long; `python -m benchmarks.diagnosis.calibration fit` fits the constants of
-`heavebond.diagnosis.probability` to all of them and prints the figures."""
+`heavebond.diagnosis.evidence.probability` to all of them and prints the figures."""
 
 from __future__ import annotations
 
@@ -20,12 +20,11 @@ from benchmarks.diagnosis import keeping
 from benchmarks.diagnosis.drawing import Drawn, drawn
 from benchmarks.diagnosis.machines import MACHINES, Machine
 from heavebond.core.errors import HeavebondError
-from heavebond.diagnosis.catalogue import Candidate
-from heavebond.diagnosis.diagnosis import Diagnosis
-from heavebond.diagnosis.fixed_values import VALUE, fixed_values
-from heavebond.diagnosis.identity import ALL
-from heavebond.diagnosis.like_places import candidates
-from heavebond.diagnosis.places import Places
+from heavebond.diagnosis.candidates.catalogue import Candidate
+from heavebond.diagnosis.candidates.fixed_values import VALUE, fixed_values
+from heavebond.diagnosis.candidates.places import Places, candidates
+from heavebond.diagnosis.diagnose import Diagnosis
+from heavebond.diagnosis.evidence.comparison import ALL
 
 STUDY = "calibration"
 CASES = 50  # of each machine
@@ -48,7 +47,7 @@ def judged(machine: Machine, number: int) -> dict[str, object]:
         case = drawn(machine, number, Path(folder))
         made = clock.process_time()
         # the search for an experiment that decides has no part in the probabilities
-        with patch("heavebond.diagnosis.diagnosis._separation", lambda *_: None):
+        with patch("heavebond.diagnosis.diagnose._separation", lambda *_: None):
             found = hb.diagnose(case.experiment, steps=1, number=1, seconds=LONGEST, classes=case.classes)
     row = _row(case, found)
     return row | {"draw_seconds": round(made - began, 2), "seconds": round(clock.process_time() - made, 2)}

@@ -30,7 +30,7 @@ from benchmarks.diagnosis.making import Case as Judged
 from benchmarks.diagnosis.rigs import HERE, Rig, sea
 from benchmarks.diagnosis.truths import Truth
 from heavebond.core.errors import listing
-from heavebond.diagnosis.diagnosis import Diagnosis
+from heavebond.diagnosis.diagnose import Diagnosis
 from heavebond.estimation.experiment import Experiment
 from heavebond.localise.misfit import localize
 from heavebond.reports.report import report as page

@@ -1,7 +1,7 @@
 """How large an effect must be to be seen and to be named: `python -m benchmarks.diagnosis.detectability`.
 
 With s_o the direction in which an amplitude moves the channels over their noise, as far as no free parameter does (see
-`diagnosis.scoring`), z is normal with mean a |s_o| and variance 1. An effect is *seen* nine times in ten where a |s_o| is
+`search.scoring`), z is normal with mean a |s_o| and variance 1. An effect is *seen* nine times in ten where a |s_o| is
 1.28 above the largest of the scores that chance exceeds once in a hundred tries. It is *named* nine times in ten where the
 best rival of another class or place, at the cosine c to its direction, leaves more than `limit` on both records, by
 1.28 standard deviations. It is expected to leave D = (a |s_o|)**2 (1 - c**2) (n + n') / n more, and sqrt(D) scatters by 1:
@@ -29,11 +29,11 @@ from benchmarks.diagnosis.judging import SECONDS, told
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS, Rig
 from benchmarks.diagnosis.truths import Truth
-from heavebond.diagnosis.catalogue import single_candidates
-from heavebond.diagnosis.identity import INEXACT, STRONG
-from heavebond.diagnosis.residual_tests import DRAWS, LEVELS
-from heavebond.diagnosis.scoring import Score, scored
-from heavebond.diagnosis.stage import UNKNOWN, fitted_base
+from heavebond.diagnosis.candidates.catalogue import single_candidates
+from heavebond.diagnosis.evidence.comparison import INEXACT, STRONG
+from heavebond.diagnosis.evidence.residual_tests import DRAWS, LEVELS
+from heavebond.diagnosis.search.scoring import Score, scored
+from heavebond.diagnosis.search.step import UNKNOWN, fitted_base
 from heavebond.numerics.dae import Array
 
 STUDY, CHECKS = "detectability", "detectability_checks"
@@ -68,7 +68,7 @@ def predicted(rig: Rig) -> list[dict[str, Any]]:
 
 def limit(n: int) -> float:
     """By how much the likelihood must differ where the truth is among the candidates and leaves noise, both records having n
-    samples (see `diagnosis.identity`)."""
+    samples (see `diagnosis.evidence.comparison`)."""
     return STRONG + INEXACT * 2 * n
 
 

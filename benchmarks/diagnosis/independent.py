@@ -24,7 +24,7 @@ from benchmarks import reference_cmc_ahc as reference
 from benchmarks.diagnosis.compensator import FRICTION, LEAKAGE, OVERLAP, Case, command, judged
 from benchmarks.diagnosis.judging import SECONDS, told
 from benchmarks.diagnosis.making import generator
-from heavebond.diagnosis.diagnosis import Diagnosis
+from heavebond.diagnosis.diagnose import Diagnosis
 from heavebond.estimation.experiment import Experiment
 
 STUDY = "independent"

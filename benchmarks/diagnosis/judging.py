@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from benchmarks.diagnosis.making import Case
 from benchmarks.diagnosis.rigs import Rig
-from heavebond.diagnosis.catalogue import Candidate
-from heavebond.diagnosis.diagnosis import Diagnosis
-from heavebond.diagnosis.stage import merit
+from heavebond.diagnosis.candidates.catalogue import Candidate
+from heavebond.diagnosis.diagnose import Diagnosis
+from heavebond.diagnosis.search.step import merit
 
 SECONDS = float("inf")  # for a search: the machine may be busy, and what is not refitted would count as rejected
 SEEN = 3.0  # chi-square per sample above noise from which an effect must be named

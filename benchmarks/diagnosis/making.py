@@ -14,8 +14,8 @@ import pandas as pd
 from benchmarks.diagnosis.rigs import TRAIN, VALIDATE, Rig
 from benchmarks.diagnosis.truths import Draw, Truth
 from heavebond.core.errors import HeavebondError, SimulationError
-from heavebond.diagnosis.base_model import Base
-from heavebond.diagnosis.catalogue import Candidate, single_candidates
+from heavebond.diagnosis.candidates.catalogue import Candidate, single_candidates
+from heavebond.diagnosis.search.base_model import Base
 from heavebond.estimation.experiment import Experiment, changed_experiment
 from heavebond.estimation.residuals import Run
 from heavebond.language.edits import Change

@@ -20,7 +20,7 @@ from pathlib import Path
 import heavebond as hb
 from benchmarks.diagnosis import keeping
 from heavebond.core.errors import HeavebondError
-from heavebond.diagnosis.diagnosis import Diagnosis
+from heavebond.diagnosis.diagnose import Diagnosis
 from heavebond.estimation.experiment import Experiment
 
 STUDY = "measured"

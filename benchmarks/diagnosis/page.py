@@ -22,7 +22,7 @@ from benchmarks.diagnosis import (
 )
 from benchmarks.diagnosis.rigs import RIGS
 from heavebond.core.presentation import readable
-from heavebond.diagnosis.probability import TEMPERATURES, Calibration
+from heavebond.diagnosis.evidence.probability import TEMPERATURES, Calibration
 
 PAGE = Path(__file__).parents[2] / "docs" / "diagnosis_study.md"
 BEGIN, END = "<!-- written by `python -m benchmarks.diagnosis.page` -->", "<!-- end of what it writes -->"

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from benchmarks.diagnosis import keeping
 from benchmarks.diagnosis.verdicts import interval as interval_of_share
-from heavebond.diagnosis.fixed_values import VALUE
-from heavebond.diagnosis.probability import (
+from heavebond.diagnosis.candidates.fixed_values import VALUE
+from heavebond.diagnosis.evidence.probability import (
     NOTHING,
     OTHER,
     OUTSIDE,

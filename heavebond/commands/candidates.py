@@ -9,7 +9,7 @@ import click
 from heavebond.commands.arguments import json_option
 
 if TYPE_CHECKING:
-    from heavebond.diagnosis.catalogue import Candidate
+    from heavebond.diagnosis.candidates.catalogue import Candidate
 
 HEAD = ("class", "effect", "place", "what is fitted")
 
@@ -24,9 +24,9 @@ def candidates(experiment: str) -> dict[str, object]:
     A component of your own with an `effect:` entry, beside the diagram or in its `components` folder, takes part.
     """
     from heavebond.commands import terminal
-    from heavebond.diagnosis import like_places
+    from heavebond.diagnosis.candidates import places
 
-    found = like_places.candidates(experiment)
+    found = places.candidates(experiment)
     ordered = sorted(found, key=lambda c: c.kind)
     rows = [(c.kind if k == 0 or ordered[k - 1].kind != c.kind else "", name_to_type(c), c.place,
              ", ".join(n.name.rpartition(".")[2] for n in c.numbers)) for k, c in enumerate(ordered)]

@@ -11,7 +11,7 @@ from heavebond.commands.arguments import Number, Whole, check_writable, json_opt
 
 if TYPE_CHECKING:
     from heavebond.core.cancellation import Budget
-    from heavebond.diagnosis.diagnosis import Diagnosis
+    from heavebond.diagnosis.diagnose import Diagnosis
     from heavebond.estimation.experiment import Experiment
     from heavebond.localise.misfit import Localization
 
@@ -48,9 +48,9 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     from heavebond.core.cluster import connected
     from heavebond.core.kept_lines import KeptLines
     from heavebond.core.writable import write_text
-    from heavebond.diagnosis.diagnosis import diagnose as diagnosed
-    from heavebond.diagnosis.diagnosis_files import Targets, write_findings, write_proposal
-    from heavebond.diagnosis.kept_refits import keeping
+    from heavebond.diagnosis.answer.files import Targets, write_findings, write_proposal
+    from heavebond.diagnosis.diagnose import diagnose as diagnosed
+    from heavebond.diagnosis.search.workers import keeping
     from heavebond.estimation.experiment import load_experiment
     from heavebond.reports.report import report
     from heavebond.reports.result_tables import diagnosis_items
@@ -123,8 +123,8 @@ def _where(found: Diagnosis, budget: Budget) -> Localization | None:
 def check_classes(experiment: Experiment, classes: tuple[str, ...]) -> None:
     """UsageError for a class that the catalogue does not have for this diagram."""
     from heavebond.core.errors import Problem, UsageError, listing, suggest
-    from heavebond.diagnosis.catalogue import single_candidates
-    from heavebond.diagnosis.fixed_values import VALUE
+    from heavebond.diagnosis.candidates.catalogue import single_candidates
+    from heavebond.diagnosis.candidates.fixed_values import VALUE
 
     known = sorted({VALUE, *(c.kind for c in single_candidates(experiment))}) if classes else []
     for name in classes:

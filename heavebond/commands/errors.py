@@ -19,7 +19,7 @@ def errors(experiments: tuple[str, ...], output: Path | None) -> dict[str, objec
     The error is relative to the size of the measured signals; the reduced chi-square is 1 at the noise level.
     """
     from heavebond.commands import terminal
-    from heavebond.diagnosis.ladder import ladder
+    from heavebond.diagnosis.state import ladder
     from heavebond.reports.result_tables import ladder_table
 
     check_picture(output)

@@ -10,7 +10,7 @@ import click
 from heavebond.commands.arguments import json_option
 
 if TYPE_CHECKING:
-    from heavebond.diagnosis.diagnosis_files import Targets
+    from heavebond.diagnosis.answer.files import Targets
     from heavebond.estimation.experiment import Experiment
 
 
@@ -31,8 +31,8 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     such as cylinder.leakage, or a number that the diagram holds fixed such as crown.m.
     """
     from heavebond.commands import terminal
+    from heavebond.diagnosis.answer.files import write_findings
     from heavebond.diagnosis.attempt import attempt
-    from heavebond.diagnosis.diagnosis_files import write_findings
     from heavebond.estimation.experiment import load_experiment
     from heavebond.reports.result_tables import attempt_items
 
@@ -56,7 +56,7 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
 
 def _targets(given: Experiment, written: Path | None) -> Targets | None:
     """What --write names: a file where it ends in .yaml, else a folder; None without it."""
-    from heavebond.diagnosis.diagnosis_files import Targets
+    from heavebond.diagnosis.answer.files import Targets
 
     if written is None:
         return None

@@ -9,13 +9,13 @@ from heavebond.core.errors import Problem, UsageError, listing, suggest
 from heavebond.core.progress import Progress
 from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
-from heavebond.diagnosis.catalogue import Candidate
-from heavebond.diagnosis.fixed_values import fixed_values
-from heavebond.diagnosis.full_runs import at_fit, confirmed, first_entries, loaded
-from heavebond.diagnosis.ladder import AddedEffect, LadderEntry
-from heavebond.diagnosis.like_places import candidates
-from heavebond.diagnosis.stage import single
-from heavebond.diagnosis.stepwise_selection import SelectedEffect
+from heavebond.diagnosis.answer.confirm import at_fit, confirmed, first_entries, loaded
+from heavebond.diagnosis.candidates.catalogue import Candidate
+from heavebond.diagnosis.candidates.fixed_values import fixed_values
+from heavebond.diagnosis.candidates.places import candidates
+from heavebond.diagnosis.search.step import single
+from heavebond.diagnosis.search.stepwise import SelectedEffect
+from heavebond.diagnosis.state import AddedEffect, LadderEntry
 from heavebond.estimation.experiment import ExperimentOrFile
 from heavebond.estimation.fitting import fit
 

@@ -5,7 +5,7 @@ order the residual then contains G w besides the noise of the channel, G the tan
 input. G w is drawn: the model is run with M realisations of w, and the differences to its run without are a sample of the
 distribution of G w. It has its variance at each time, and its correlation along time, also of a nonlinear machine and for
 every interpolation. The variance adds to that of the channel's own noise in all that is weighted by noise; the tests
-of the residual take the correlation into account (see `diagnosis.residual_tests`).
+of the residual take the correlation into account (see `diagnosis.evidence.residual_tests`).
 
 This is errors-in-variables identification with known noise, approximated by the tangent at the measured input: T.
 Soderstrom, Errors-in-variables methods in system identification, Automatica 43, 2007,

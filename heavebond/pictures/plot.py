@@ -25,7 +25,7 @@ from heavebond.core.writable import new_file
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from heavebond.diagnosis.ladder import LadderEntry
+    from heavebond.diagnosis.state import LadderEntry
     from heavebond.estimation.comparison import Channel, Comparison, RecordComparison
     from heavebond.numerics.dae import Array
     from heavebond.numerics.result import Result

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from heavebond.core.facade import provides
 
 if TYPE_CHECKING:
-    from heavebond.diagnosis.diagnosis import Diagnosis
+    from heavebond.diagnosis.diagnose import Diagnosis
     from heavebond.estimation.comparison import Comparison
     from heavebond.estimation.fitting import Fit
     from heavebond.language.model import Model

@@ -31,7 +31,7 @@ from heavebond.text.expression import Number
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from heavebond.diagnosis.diagnosis import Diagnosis
+    from heavebond.diagnosis.diagnose import Diagnosis
     from heavebond.estimation.comparison import Comparison
     from heavebond.estimation.fitting import Fit
     from heavebond.language.model import Model

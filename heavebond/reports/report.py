@@ -16,9 +16,9 @@ from heavebond.core.errors import HeavebondError
 from heavebond.core.presentation import count, number, path_text, readable_difference, readable_unit
 from heavebond.core.units import read_unit
 from heavebond.core.version import VERSION
-from heavebond.diagnosis.diagnosis import Diagnosis
-from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, channel_errors, parameter_description, restrictions
-from heavebond.diagnosis.probability import PROBABILITY
+from heavebond.diagnosis.diagnose import Diagnosis
+from heavebond.diagnosis.evidence.probability import PROBABILITY
+from heavebond.diagnosis.state import AddedEffect, LadderEntry, channel_errors, parameter_description, restrictions
 from heavebond.estimation.comparison import RecordComparison
 from heavebond.estimation.fitting import Fit
 from heavebond.language.library import bundled

@@ -6,7 +6,7 @@ import numpy as np
 
 from heavebond.core.presentation import number, readable_unit, unit_label
 from heavebond.core.units import read_unit
-from heavebond.diagnosis.experiment_design import Predicted, Separation, SimulatedInput
+from heavebond.experiment_design.separation import Predicted, Separation, SimulatedInput
 from heavebond.numerics.dae import Array
 from heavebond.pictures.markup import Html, element, joined, table
 from heavebond.reports.report_charts import BLUE, GREEN, INK, MOST_POINTS, ORANGE, PURPLE, Line, over, swatch

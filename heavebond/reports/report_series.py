@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from heavebond.core.presentation import number, readable_difference, readable_unit, unit_label
 from heavebond.core.units import read_unit
-from heavebond.diagnosis.ladder import LadderEntry
+from heavebond.diagnosis.state import LadderEntry
 from heavebond.estimation.comparison import Channel, RecordComparison
 from heavebond.numerics.dae import Array
 from heavebond.pictures.markup import Html, element, joined

@@ -9,11 +9,11 @@ from functools import partial
 from heavebond.core.errors import listing
 from heavebond.core.presentation import count, in_unit, number, readable, readable_unit, unit_label
 from heavebond.core.units import Unit, read_unit
-from heavebond.diagnosis.diagnosis import Diagnosis
-from heavebond.diagnosis.ladder import parameter_description
-from heavebond.diagnosis.ranking import BY_KEY, JUDGEMENTS, Column, Entry, entries, shown_in
-from heavebond.diagnosis.residual_tests import LEVELS, ResidualTests
-from heavebond.diagnosis.stage import Stage
+from heavebond.diagnosis.answer.ranking import BY_KEY, JUDGEMENTS, Column, Entry, entries, shown_in
+from heavebond.diagnosis.diagnose import Diagnosis
+from heavebond.diagnosis.evidence.residual_tests import LEVELS, ResidualTests
+from heavebond.diagnosis.search.step import Stage
+from heavebond.diagnosis.state import parameter_description
 from heavebond.estimation.fitting import Fit, Fitted
 from heavebond.pictures.markup import Html, element, joined, table
 from heavebond.reports.report_charts import interval

@@ -9,7 +9,7 @@ import numpy as np
 from heavebond.core.errors import HeavebondError
 from heavebond.core.presentation import number, readable_unit, unit_label
 from heavebond.core.units import read_unit
-from heavebond.diagnosis.ladder import AddedEffect
+from heavebond.diagnosis.state import AddedEffect
 from heavebond.equations.places import nodes_of
 from heavebond.localise.error_states import State
 from heavebond.localise.misfit import Localization, PlaceEstimate, best_of_each_group, noun, summary

@@ -11,13 +11,13 @@ from functools import partial
 from heavebond.core.errors import listing
 from heavebond.core.presentation import count, in_unit, number, readable, readable_difference, readable_unit
 from heavebond.core.units import read_unit
+from heavebond.diagnosis.answer.ranking import entries, shown_in
+from heavebond.diagnosis.answer.sentences import at_ends
 from heavebond.diagnosis.attempt import Attempt
-from heavebond.diagnosis.diagnosis import Diagnosis
-from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, parameter_description
-from heavebond.diagnosis.probability import PROBABILITY
-from heavebond.diagnosis.ranking import entries, shown_in
-from heavebond.diagnosis.stage import Stage
-from heavebond.diagnosis.verdict_words import at_ends
+from heavebond.diagnosis.diagnose import Diagnosis
+from heavebond.diagnosis.evidence.probability import PROBABILITY
+from heavebond.diagnosis.search.step import Stage
+from heavebond.diagnosis.state import AddedEffect, LadderEntry, parameter_description
 from heavebond.estimation.comparison import Channel, Comparison
 from heavebond.estimation.fitting import Fit
 from heavebond.localise.misfit import Localization, PlaceEstimate, summary

@@ -17,11 +17,11 @@ from heavebond.core.presentation import readable_unit
 from heavebond.core.quoting import file_stem
 from heavebond.core.units import read_unit
 from heavebond.core.writable import write_text
+from heavebond.diagnosis.answer.files import Targets, write_findings
+from heavebond.diagnosis.answer.ranking import entries
 from heavebond.diagnosis.attempt import attempt
-from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
-from heavebond.diagnosis.diagnosis_files import Targets, write_findings
-from heavebond.diagnosis.ladder import AddedEffect
-from heavebond.diagnosis.ranking import entries
+from heavebond.diagnosis.diagnose import Diagnosis, diagnose
+from heavebond.diagnosis.state import AddedEffect
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fit, fit, fitted_diagram
 from heavebond.language.edits import extended_from, quoted, write

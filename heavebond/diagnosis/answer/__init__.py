@@ -1,0 +1,1 @@
+"""The verdict, its sentences, tables and files."""

@@ -1,0 +1,191 @@
+"""Findings written back as diagrams: a file that extends the model and says only what was found."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from heavebond.core.errors import HeavebondError, Problem, UsageError
+from heavebond.core.numerals import whole
+from heavebond.core.presentation import readable_unit
+from heavebond.core.units import Unit, read_unit
+from heavebond.core.writable import make_folder, why_unwritable
+from heavebond.diagnosis.search.record_starts import INITIAL, free_text
+from heavebond.diagnosis.state import AddedEffect
+from heavebond.estimation.experiment import FIXED, Experiment, load_experiment
+from heavebond.estimation.fitting import Fitted, fitted_values
+from heavebond.experiment_design.separation import Separation
+from heavebond.language.edits import Change, block, extended_from, quoted, write, write_new
+from heavebond.language.library import bundled
+from heavebond.text.yaml_source import read
+
+LADDER = 200  # free numbers that are looked for: more than a diagnosis has findings
+
+
+def finding_files(finding: AddedEffect, before: Experiment, model: Path, experiment: Path) -> tuple[str, str]:
+    """The texts of a diagram at `model` that extends the one of `before` with what was found, fitted values and all, and of
+    the experiment on it at `experiment`, where what was added is free."""
+    candidate = finding.candidate
+    sought = {p.name: p for p in finding.parameters}
+    units = {name: read_unit(readable_unit(p.unit, p.value)) for name, p in sought.items()}
+    others = tuple(p for p in finding.fit.parameters if p.name not in sought)
+    fitted, _ = fitted_values(replace(finding.fit, parameters=others))
+    change = candidate.change.joined(fitted).with_values(
+        {name: units[name].written(p.value) for name, p in sought.items()})
+    said = f"{before.model.name} with {candidate.kind} {candidate.place}."
+    own = {name: f for name, f in finding.fit.experiment.free.items() if f.each and name not in before.free}
+    begun = {p.name.removeprefix(INITIAL): own[p.name].range.unit.written(p.before) for p in finding.fit.parameters
+             if p.name in own}
+    # what is free needs a value in the diagram
+    change = Change(initial={state: text for state, text in begun.items()
+                             if state not in before.model.initial.conditions}).joined(change)
+    diagram = change.diagram(model.stem, said, extended_from(model, before.model.path))
+    free = {name: span(p, units[name], name in {n.name for n in candidate.numbers if n.amplitude})
+            for name, p in sought.items()}
+    free.update({name: FIXED for name in before.free if name not in finding.fit.experiment.free})
+    free.update({name: free_text(f) for name, f in own.items()})
+    lines = [f"experiment: {quoted(f'{before.name}, with {candidate.kind} {candidate.place}')}",
+             f"extends: {quoted(extended_from(experiment, before.path))}",
+             f"model: {quoted(extended_from(experiment, model))}",
+             *block("inputs", {new: old for old, new in change.moved.items()}),
+             *block("outputs", {name: f"{{is: {quoted(formula)}}}" for name, formula in change.channels.items()}),
+             *block("free", free)]
+    return diagram, "\n".join(lines) + "\n"
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Where the files of findings go: pairs (diagram, experiment) in `folder` whose names are free. A name gets the next
+    numbers, counted from those of `experiment` plus `first`; `numbers` are those that no file has yet."""
+
+    folder: Path
+    model: str
+    experiment: str
+    first: int = 1
+    numbers: tuple[int, ...] = ()
+
+    @classmethod
+    def beside(cls, experiment: Experiment, folder: Path | None) -> Targets:
+        """Beside the experiment (a bundled one: in the current folder), its names counted up: rig.yaml, rig_2.yaml, ...
+
+        Files that exist are kept: the next free number is taken. UsageError where nothing can be written in the folder.
+        """
+        inside = experiment.path.resolve().is_relative_to(bundled("models").resolve())
+        found = cls(folder or (Path() if inside else experiment.path.parent), experiment.model.path.stem,
+                    experiment.path.stem)._with_free_numbers()
+        make_folder(found.folder)
+        if reason := why_unwritable(found.folder):
+            raise UsageError([Problem("file-unwritable", f"nothing can be written in '{found.folder}': {reason}", None,
+                                      "Give another one: --folder FOLDER (with `try`: --write FOLDER).")])
+        return found
+
+    @classmethod
+    def named(cls, experiment: Experiment, file: Path) -> Targets:
+        """The experiment of one finding as `file`, and its diagram as FILE_diagram.yaml beside it; with the next free number
+        where these are of an earlier result for the same experiment. UsageError where they are somebody else's."""
+        found = cls(file.parent, f"{file.stem}_diagram", file.stem, 0)._with_free_numbers()
+        if found.passed and not is_finding(file, experiment):
+            raise UsageError([Problem("file-exists", f"{found.passed} exists already", None,
+                                      "Give another name, or remove it first.")])
+        make_folder(found.folder)
+        if reason := why_unwritable(found.folder):
+            raise UsageError([Problem("file-unwritable", f"'{file}' cannot be written: {reason}")])
+        return found
+
+    def _with_free_numbers(self) -> Targets:
+        free = (k for k in itertools.count(self.first) if not any(path.exists() for path in self._files(k)))
+        return replace(self, numbers=tuple(itertools.islice(free, LADDER)))
+
+    def _pair(self, number: int) -> tuple[Path, Path]:
+        model, experiment = (_counted(name, number) for name in (self.model, self.experiment))
+        model = f"{model}_diagram" if model == experiment else model
+        return self.folder / f"{model}.yaml", self.folder / f"{experiment}.yaml"
+
+    def _files(self, number: int) -> tuple[Path, ...]:
+        experiment = self._pair(number)[1]
+        return *self._pair(number), experiment.with_name(f"{experiment.stem}_input.csv")
+
+    def pair(self, k: int) -> tuple[Path, Path]:
+        """The files of the k-th finding, counted from 0."""
+        return self._pair(self.numbers[k])
+
+    @property
+    def passed(self) -> Path | None:
+        """The first file that exists and keeps its name; None where there is none."""
+        taken = (path for k in range(self.first, self.numbers[0]) for path in self._files(k) if path.exists())
+        return next(taken, None)
+
+    @property
+    def proposal(self) -> Path:
+        """The input that would tell alternatives apart: `rig_2_input.csv` beside `rig_2.yaml`."""
+        return self._files(self.numbers[0])[-1]
+
+    @property
+    def kept(self) -> Path:
+        """What a search keeps while it runs: `rig_refits.jsonl`."""
+        return self.folder / f"{self.experiment}_refits.jsonl"
+
+    @property
+    def report(self) -> Path:
+        """The page on the diagnosis of `rig.yaml`: `rig_report.html`, `rig_report_2.html` where that exists (the page of
+        `rig_2.yaml` is `rig_2_report.html`)."""
+        names = (f"{self.experiment}_report{f'_{k}' if k > 1 else ''}.html" for k in itertools.count(1))
+        return next(path for name in names if not (path := self.folder / name).exists())
+
+
+def is_finding(path: Path, before: Experiment) -> bool:
+    """Whether a file is an experiment that `write_findings` wrote for a finding in the experiment `before`."""
+    try:
+        root = read(path).root.items
+    except (HeavebondError, OSError):
+        return False
+    name, extended = (getattr(root.get(key), "text", "") for key in ("experiment", "extends"))
+    return name.startswith(f"{before.name}, with ") and extended == extended_from(path, before.path)
+
+
+def _counted(name: str, more: int) -> str:
+    """`rig` as `rig_2`, `rig_2` as `rig_3`; itself for `more` = 0."""
+    if not more:
+        return name
+    base, _, number = name.rpartition("_")
+    last = whole(number)
+    return f"{base}_{last + more}" if base and last is not None else f"{name}_{1 + more}"
+
+
+def write_findings(before: Experiment, findings: Sequence[AddedEffect], targets: Targets) -> list[Path]:
+    """Write each finding as a diagram and an experiment that extend the ones before; the experiments' paths.
+
+    The experiments are loaded again as they stand: what is written is what was found, or an error says why not.
+    """
+    written = []
+    for k, finding in enumerate(findings):
+        model, experiment = targets.pair(k)
+        diagram, text = finding_files(finding, before, model, experiment)
+        write(model, diagram)
+        write(experiment, text)
+        before = load_experiment(experiment)
+        written.append(experiment)
+    return written
+
+
+def write_proposal(separation: Separation, path: Path) -> list[Path]:
+    """Write the proposed input as a record without measured channels: time and inputs in the columns and units of the
+    records, to run the machine with. The path, none where nothing is proposed."""
+    if not separation.decides:
+        return []
+    rows = zip(*separation.columns.values(), strict=True)
+    lines = [",".join(separation.columns), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
+    write_new(path, "\n".join(lines) + "\n")
+    return [path]
+
+
+def span(fitted: Fitted, unit: Unit, amplitude: bool) -> str:
+    """The range of a number that was found: an amplitude may grow by half and shrink to nothing, a shape keeps its own."""
+    low, high = fitted.low, fitted.high
+    if amplitude and fitted.value:
+        reach = 1.5 * abs(fitted.value)
+        low, high = max(low, -reach if low < 0 else low), min(high, reach) if high > 0 else high
+    shown = [f"{unit.from_si(end):.4g}" for end in (low, high)]
+    return f"{shown[0]} .. {shown[1]}" + ("" if unit.text in ("1", "") else f" {unit.text}")

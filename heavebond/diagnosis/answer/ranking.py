@@ -1,0 +1,187 @@
+"""The ranking of the candidates of one step: one table of columns for the command line, `--json`, the report and the
+documentation.
+
+A statistic is added as one `Column`: its key in `--json`, its heading, unit, format and meaning, its value, and where it is
+shown.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from heavebond.core.presentation import number
+from heavebond.diagnosis.candidates.catalogue import Candidate
+from heavebond.diagnosis.evidence.comparison import likelihood
+from heavebond.diagnosis.search.refit import Refit
+from heavebond.diagnosis.search.step import EARNED, Stage, fallen
+
+Cell = float | bool | str | tuple[str, ...] | None
+
+# why a candidate is the result of its step, may be, or is not
+JUDGEMENTS = {
+    "chosen": "chosen",
+    "indistinguishable": "cannot be distinguished from the chosen one",
+    "range_end": "search stopped at an end of a range, beyond which it would leave less",
+    "worse_held_out": "larger error on held-out data",
+    "not_significant": "no significant gain on held-out data",
+    "larger_residual": "larger residual than the chosen one",
+    "not_justified": "not statistically justified",
+    "same_direction": "acts the same as a candidate that was fitted",
+    "not_identifiable": "not identifiable beside the free parameters",
+    "low_score": "score too small for a refit",
+    "not_reached": "not reached before the search ended",
+    "not_simulated": "could not be simulated",
+}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A candidate in the ranking of a step: its score (chi-square that it could remove, to first order), its refit (None
+    where it was not fitted), and its judgement, a key of `JUDGEMENTS`."""
+
+    candidate: Candidate
+    score: float
+    trial: Refit | None
+    step: Stage
+    judgement: str
+    identifiable: bool | None = None
+
+    def __getitem__(self, key: str) -> Cell:
+        """The value of the column `key`."""
+        return BY_KEY[key].value(self)
+
+    @property
+    def acts_as(self) -> tuple[str, ...]:
+        """The numbers of the diagram of which it is another value, to first order."""
+        return tuple(self.step.acts_as.get(self.candidate.label, ()))
+
+    @property
+    def same_as(self) -> tuple[str, ...]:
+        """Labels of the candidates that act the same and were not fitted for that reason."""
+        return tuple(self.step.twins.get(self.candidate.label, ())) if self.trial is not None else ()
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of the ranking: key in `--json`, heading, unit, significant digits (0: text), its meaning in a sentence, the
+    value of an entry, and which of `terminal` and `report` show it."""
+
+    key: str
+    title: str
+    unit: str
+    digits: int
+    meaning: str
+    value: Callable[[Entry], Cell]
+    shown: frozenset[str] = frozenset()
+
+    @property
+    def numeric(self) -> bool:
+        """Whether it holds numbers, which are set to the right."""
+        return self.digits > 0
+
+    def text(self, entry: Entry) -> str:
+        """The cell as it is printed."""
+        value = self.value(entry)
+        if value is None:
+            return "-"
+        if isinstance(value, bool):
+            return "*" if value else ""
+        if isinstance(value, tuple):
+            return ", ".join(value) or "none"
+        return value if isinstance(value, str) else number(value, self.digits)
+
+
+TERMINAL, REPORT = frozenset({"terminal"}), frozenset({"report"})
+BOTH = TERMINAL | REPORT
+
+
+def _fitted(value: Callable[[Refit, Stage], Cell]) -> Callable[[Entry], Cell]:
+    """A value that only candidates have that were fitted."""
+    return lambda entry: value(entry.trial, entry.step) if entry.trial is not None else None
+
+
+COLUMNS: tuple[Column, ...] = (
+    Column("cluster", "", "", 0, "whether it is the chosen one or cannot be distinguished from it",
+           lambda e: e.judgement in ("chosen", "indistinguishable"), TERMINAL),
+    Column("class", "class", "", 0, "what the effect is called: `dry friction`", lambda e: e.candidate.kind, BOTH),
+    Column("effect", "effect", "", 0, "its name for `heavebond try`: a component, or a dormant parameter such as "
+           "`cylinder.leakage`",
+           lambda e: e.candidate.name if e.candidate.attaches == "in" else e.candidate.component, BOTH),
+    Column("place", "place", "", 0, "the place in words: `between platform and crown`", lambda e: e.candidate.place, BOTH),
+    Column("score", "score", "1", 3, "the chi-square that the candidate could remove, to first order (the gain "
+           "[above](#the-score))", lambda e: e.score, REPORT),
+    Column("chi2_fit", "chi-square, fitted", "1", 3, "reduced chi-square on the fitted records; 1 = noise level",
+           _fitted(lambda t, s: t.chi2_fit), BOTH),
+    Column("chi2_held_out", "held out", "1", 3, "the same on held-out data", _fitted(lambda t, s: t.chi2_held_out), BOTH),
+    Column("error_over_noise_held_out", "error/noise", "1", 3, "the error on held-out data in multiples of the noise: the "
+           "root of `chi2_held_out`", _fitted(lambda t, s: math.sqrt(t.chi2_held_out))),
+    Column("bic_difference", "BIC change", "1", 4, "BIC with the candidate less BIC of the model of that step without it; "
+           "below -10 is strong evidence for it", _fitted(lambda t, s: t.bic - s.bic), BOTH),
+    Column("at_end", "at its bound", "", 0, "free parameters that ended at an end of their range beside it, and its own "
+           "numbers at an end of the range in which they were sought, beyond which it would leave less",
+           _fitted(lambda t, s: (*t.at_end, *t.beyond)), REPORT),
+    Column("same_as", "acts the same", "", 0, "candidates that act the same and were not fitted for that reason",
+           lambda e: e.same_as),
+    Column("acts_as", "acts as", "", 0, "numbers of the diagram of which it is another value, to first order: one that is "
+           "held fixed, or, of a candidate that is not identifiable, a free one",
+           lambda e: e.acts_as),
+    Column("seen", "identifiable", "", 0, "of one that was not fitted: whether its effect on the channels is identifiable "
+           "beside the free parameters", lambda e: e.identifiable),
+    Column("judgement", "result", "", 0, f"why it is the result or not: {', '.join(f'`{word}`' for word in JUDGEMENTS)}",
+           lambda e: e.judgement, REPORT),
+)
+BY_KEY = {column.key: column for column in COLUMNS}
+
+
+def shown_in(medium: str) -> tuple[Column, ...]:
+    """The columns that `terminal` or `report` shows."""
+    return tuple(column for column in COLUMNS if medium in column.shown)
+
+
+def entries(step: Stage) -> tuple[Entry, ...]:
+    """All candidates of a step in the order of their rank: those that were fitted, then the others by their score."""
+    fitted = {t.candidate.label for t in step.trials}
+    alike = {t.candidate.label for t in step.cluster}
+    ranked = [Entry(t.candidate, t.score, t, step, _judged(t, step, alike)) for t in step.trials]
+    twins = {label for group in step.twins.values() for label in group}
+    unseen = {c.label for c in step.unseen}
+    promised = [t.score for t in step.trials if math.isfinite(t.score)]
+    least = min(promised, default=math.inf)
+    for s in step.scores:
+        label = s.candidate.label
+        if label not in fitted:
+            why = "indistinguishable" if label in alike else "same_direction" if label in twins else \
+                "not_identifiable" if label in unseen else \
+                "low_score" if s.gain < least else "not_reached" if step.partial else "not_simulated"
+            ranked.append(Entry(s.candidate, s.gain, None, step, why, s.told_apart))
+    return tuple(ranked)
+
+
+def _judged(trial: Refit, step: Stage, alike: set[str]) -> str:
+    """The judgement on a candidate that was fitted; `alike` are the labels of those in the answer (compared beside effects
+    that were found later, they are other refits)."""
+    if step.chosen is not None and trial.candidate.label == step.chosen.candidate.label:
+        return "chosen"
+    if trial.candidate.label in alike:
+        return "indistinguishable"
+    if trial.beyond:
+        return "range_end"
+    fall = fallen(step.chi2_held_out, trial.chi2_held_out, step.samples_held_out)
+    if step.samples_held_out and fall <= 0:
+        return "worse_held_out"
+    if step.samples_held_out and fall <= EARNED:
+        return "not_significant"
+    if step.chosen is not None and likelihood(trial) > likelihood(step.chosen):
+        return "larger_residual"
+    return "not_justified"
+
+
+def as_dicts(ranked: Sequence[Entry]) -> list[dict[str, object]]:
+    """The ranking for machines: what each candidate is, and all columns; None where there is no value."""
+    return [{**e.candidate.as_dict(), **{c.key: _plain(c.value(e)) for c in COLUMNS}} for e in ranked]
+
+
+def _plain(value: Cell) -> object:
+    return list(value) if isinstance(value, tuple) else value

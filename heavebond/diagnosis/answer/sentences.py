@@ -1,0 +1,469 @@
+"""The result of a diagnosis in sentences.
+
+Notes follow the verdict: what the residual still shows, wrong starts, inputs that depend on outputs, and what the search
+left out or did not reach before it was ended.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+from heavebond.core.cancellation import ENDED_EARLY
+from heavebond.core.errors import listing
+from heavebond.core.presentation import count as counted
+from heavebond.core.presentation import number, readable, readable_difference
+from heavebond.diagnosis.answer.verdict import gone, held_out_or_fitted, is_still, near_noise
+from heavebond.diagnosis.candidates.catalogue import called
+from heavebond.diagnosis.candidates.fixed_values import VALUE
+from heavebond.diagnosis.decision import DECISION
+from heavebond.diagnosis.evidence.flexible_laws import OTHER_CAUSES, Adequacy, Remainder
+from heavebond.diagnosis.evidence.prediction import FITTED
+from heavebond.diagnosis.evidence.residual_tests import LEVELS
+from heavebond.diagnosis.search.refit import Refit
+from heavebond.diagnosis.search.step import Stage
+from heavebond.diagnosis.state import AddedEffect, LadderEntry, channel_errors
+from heavebond.estimation.comparison import Comparison
+from heavebond.estimation.fitting import Fit
+
+FILTERED = 5.0  # times an estimated noise that noise behind a filter may be; beyond it is no noise
+LESS = 0.7  # of an estimated noise: a model that leaves less shows that the estimate is too large
+MENTIONED = 3  # candidates at most that are mentioned as not excluded
+
+
+def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
+              shape: AddedEffect | None, adequacy: Adequacy | None = None) -> tuple[str, ...]:
+    """The verdict in sentences."""
+    lines = [_mainly(findings, adequacy) if said == "mainly" and adequacy is not None else
+             _beaten(findings, adequacy) if said == "shape" and adequacy is not None and adequacy.beaten else
+             _WORDS[said](ladder, findings, steps, shape)]
+    lines += _same_laws(findings, steps)
+    if adequacy is not None and (said == "mainly" or adequacy.beaten):
+        lines += _yardstick(adequacy)
+    short = [s.identity.blocks for s, f in zip(steps, findings, strict=False)
+             if s.identity is not None and s.identity.too_short and len(f.alternatives) > 1]
+    if short:
+        blocks = min(short)
+        lines.append(f"The records are too short to distinguish them: they hold {number(blocks, 2)} independent blocks, and "
+                     f"about {number(DECISION.blocks, 2)} are needed.")
+    if findings:
+        lines.append(_fall(ladder[0], findings[-1].rung))
+        lines += _not_held_out(findings[0], steps[0])
+    ended = [name for name in steps[0].at_end if findings and name in findings[-1].fit.experiment.free]
+    if ended and not steps[-1].at_end:
+        lines.append(f"Without it {listing(ended)} went to the end of the range, a sign that physics is missing; "
+                     f"with it {'they come' if len(ended) > 1 else 'it comes'} back inside.")
+    found = [p for f in findings for p in f.parameters]
+    for p in found:
+        if p.unreached is not None:
+            side = "below" if p.told[0] is None else "above"
+            lines.append(f"{p.name} is not reached in the records that were fitted: all they tell is that it lies {side} "
+                         f"{readable(p.unreached, p.unit, 3)}.")
+    lines += [line for f in findings for line in at_ends(f)]
+    lines += _not_excluded(findings, steps)
+    if said in ("effect", "one_of") and len(steps) == len(findings):
+        left = held_out_or_fitted(findings[-1].rung)
+        lines.append("The residual on held-out records is near the noise level." if left <= DECISION.near else
+                     f"The residual there is still {number(left**0.5, 3)} times the noise: diagnose the new experiment "
+                     "as well.")
+    if said in ("effect", "one_of", "undetermined") and steps[0].left.significant:
+        lines += _of_estimates(min(ladder, key=held_out_or_fitted))
+    return tuple(lines)
+
+
+def at_ends(finding: AddedEffect, shown: bool = True) -> list[str]:
+    """What it means that numbers of an effect stand at an end of their range; `shown`: the records show the effect."""
+    limits = {p.name for p in finding.at_limits}
+    other = [p.name for p in finding.parameters if p.ended and p.name not in limits and p.name not in finding.beyond]
+    several = len(finding.beyond) > 1
+    lines = []
+    if finding.beyond:
+        lines.append(f"{listing(finding.beyond)} {'are' if several else 'is'} at the end of the range in which "
+                     f"{'they were' if several else 'it was'} sought, and the error would fall beyond it: neither "
+                     f"{'the values' if several else 'the value'} nor the name is certain. Widen `search_range`, or look "
+                     "for a further effect of its kind.")
+    if other:
+        lines.append(f"{listing(other)} ended at the end of the range, and the records do not tell how far beyond it may "
+                     "lie.")
+    if limits:
+        lines.append(f"{listing(f'{p.name} = {readable(p.value, p.unit, 3)}' for p in finding.at_limits)}: the law is "
+                     "fitted best at this limit of the parameter.")
+    if finding.undetermined:
+        how = "show that the effect is there but not how large it is" if shown else "do not show how large the effect is"
+        lines.append(f"The records {how}: {listing(finding.undetermined)} may lie anywhere in the range.")
+    return lines
+
+
+def _not_excluded(findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> list[str]:
+    """Candidates of the first step whose search stopped at an end of a range, beyond which they would leave less, and which
+    explain as much of the misfit as the answer there but for an immaterial share: those among the answer, and those of
+    another class or place that it leaves out."""
+    if not steps or not findings or near_noise(findings[-1].rung):
+        return []
+    answer = findings[0].alternatives
+    named = {t.candidate.label for t in answer}
+    alike = {(t.candidate.kind, frozenset(t.candidate.where)) for t in answer}
+    shares = {t.candidate.label: gone(steps[0].chi2_fit, t.chi2_fit) for t in steps[0].trials}
+    least = max((share for label, share in shares.items() if label in named), default=1.0) - DECISION.material
+    lines = []
+    for trial in steps[0].trials:
+        candidate = trial.candidate
+        told = candidate.label in named
+        if not trial.beyond or candidate is findings[0].candidate or shares[candidate.label] < max(least, DECISION.mainly) \
+                or (not told and (candidate.kind, frozenset(candidate.where)) in alike):
+            continue
+        where = listing(f"{n.name} at {readable(trial.values[n.name], n.unit.text, 3)}" for n in candidate.numbers
+                        if n.name in trial.beyond)
+        lines.append(f"The search for {called(candidate)}, {'one of these' if told else 'which is not excluded'}, stopped "
+                     f"at the end of a range ({where}), beyond which it would leave less: widen `search_range`.")
+    return lines[:MENTIONED]
+
+
+def _of_estimates(best: LadderEntry) -> list[str]:
+    """What to do about channels whose estimated noise is far from what the best model leaves there."""
+    outputs = best.comparison.experiment.outputs
+    own = [m for m in channel_errors(best) if outputs[m.channel].noise is None]
+    more = [f"`noise: {m.words}` at {m.channel}" for m in own if math.sqrt(DECISION.near) < m.error / m.noise < FILTERED]
+    less = [m.channel for m in own if m.error < LESS * m.noise]
+    estimates = best.comparison.experiment.estimated_noise
+    mixed = [f"{m.channel} (estimated at {readable_difference(m.noise, m.unit, 2)})" for m in own
+             if m.channel in estimates and not estimates[m.channel].separable]
+    return [*([f"The noise of {listing(mixed, 3)} cannot be separated from the signal: judge what is left by the error in "
+               "its unit, not by chi-square, or give `noise:`."] if mixed else []),
+            *([f"The noise is estimated, and an estimate sees only what is white. If the residual is the sensor's own (a "
+               f"filter, a slow swaying), write {listing(more, 3)}: then no more is sought in it."] if more else []),
+            *([f"Less than the estimated noise is left in {listing(less, 3)}, which moves too much from one sample to the "
+               "next for an estimate: give its `noise:` to have more sought."] if less else [])]
+
+
+def _fall(first: LadderEntry, last: LadderEntry) -> str:
+    """The error in the units of the channels beside their noise, since a share of what was measured may be small and many
+    times the noise."""
+    channels = "; ".join(f"{a.channel} {a.words} to {b.words} (noise {readable_difference(b.noise, b.unit, 3)})" for a, b in
+                         zip(channel_errors(first), channel_errors(last), strict=True))
+    held = math.isfinite(last.chi2_held_out)
+    pairs = [(r.error_held_out, r.chi2_held_out) if held else (r.error_fit, r.chi2_fit) for r in (first, last)]
+    (error, chi2), (error_last, chi2_last) = pairs
+    where, way = "held-out" if held else "fitted", "falls" if chi2_last < chi2 else "rises"
+    return f"The error on {where} data {way}: {channels}. That is {number(100 * error, 3)} % " \
+           f"to {number(100 * error_last, 3)} % of what was measured, reduced chi-square {number(chi2, 3)} to " \
+           f"{number(chi2_last, 3)}; 1 = noise level."
+
+
+def _not_held_out(finding: AddedEffect, step: Stage) -> list[str]:
+    """That the held-out data do not show an effect, which the fitted data do."""
+    after = next((t.errors for t in finding.alternatives), None)
+    if step.shown_held_out or not step.samples_held_out or step.errors is None or after is None:
+        return []
+    return [f"Held-out data do not show the effect: without it they hold no more than noise (reduced chi-square "
+            f"{number(step.chi2_held_out, 3)}). What shows it are the fitted data, cross-validated by blocks of time "
+            f"({number(step.errors.mean(FITTED), 3)} to {number(after.mean(FITTED), 3)}): make sure with a record that "
+            "moves as these do."]
+
+
+def _share(explained: float) -> str:
+    """A share in %; never 100 beside the words that more is missing."""
+    return "more than 99" if explained > 0.995 else number(100 * explained, 2)
+
+
+def _mainly(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
+    """The first effect with its share, and those that were added after it."""
+    share = f"It explains {_share(adequacy.explained)} % of the misfit (chi-square above the noise)"
+    enough = near_noise(findings[-1].rung)  # what is not certain then is the effect itself
+    first, *others = (called(f.candidate) if f.certain else _alternatives(f) for f in findings)
+    unsure = "" if findings[0].certain else _unsure(findings[:1])
+    more = f"; added after it: {listing(others, 5)}" if others else ""
+    return f"Missing: {'probably' if enough else 'mainly'} {first}.{unsure}{_laws(findings)} {share}{more}." + \
+        ("" if enough else " More is missing.")
+
+
+def _beaten(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
+    """That a curve does better than the first effect, and what was found beside that, where there is more."""
+    curve = adequacy.flexible
+    assert curve is not None
+    first, *others = map(_alternatives, findings) if findings else [""]
+    nearest = f" ({first})" if first else ""
+    return f"Something is missing {curve.candidate.place} that no entry of the catalogue explains: an identified curve " \
+           f"there explains most of what the best law of the catalogue{nearest} leaves." \
+           + (f" Found beside it: {listing(others, 5)}." if others else "")
+
+
+def _yardstick(adequacy: Adequacy) -> list[str]:
+    """What the identified curves show of a name after which more than noise is left."""
+    curve, other = adequacy.flexible, adequacy.elsewhere
+    lines = []
+    if not adequacy.tried and (curve is None or not adequacy.beaten):
+        lines.append("Whether another law at this place would explain more was not tried to the end.")
+    elif curve is None:
+        lines.append("No identified curve at this place lowers the error; whether another law there would explain more is "
+                     "not decided.")
+    elif not adequacy.decided:
+        inside = "it could not be determined how much of the held-out motion lies" if math.isnan(adequacy.covered) else \
+            f"only {number(100 * adequacy.covered, 2)} % of the held-out motion lies"
+        lines.append(f"Whether another law there would explain more is not decided: {inside} inside the motion that an "
+                     "identified curve was fitted to.")
+    elif not adequacy.beaten:
+        lines.append("An identified curve at this place does not explain much more (held-out chi-square per sample "
+                     f"{number(curve.chi2_held_out, 3)}), so the residual is due to something else.")
+    if other is not None:
+        lines.append(f"The place is not certain: an identified curve {other.candidate.place} predicts as well (chi-square "
+                     f"{number(other.chi2_held_out, 3)}).")
+    return lines
+
+
+def _nothing(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage], *_: object) -> str:
+    return "No effect is missing: the residual is noise." + _refuted_words(steps)
+
+
+def _refuted_words(steps: Sequence[Stage]) -> str:
+    """What was found by the scores alone."""
+    left = steps[0].left
+    share = number(100 * left.score, 2)
+    return f" (The largest score of a candidate, z = {number(left.z, 3)}, is exceeded by chance in {share} % of such " \
+           "records; refitted, no candidate is justified.)" if left.significant else ""
+
+
+def _parameters(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage], *_: object) -> str:
+    if not findings:
+        return "Parameters, not physics: with fitted values the residual is noise." + _refuted_words(steps)
+    first, *others = map(_revalued, findings[0].alternatives)
+    return f"Parameters, not physics: with {first}, the residual is near the noise level." + \
+        (f" The records do not tell it from {listing(others, 5)}." if others else "") + \
+        " It is held fixed in this experiment: check it, or put it under `free:`."
+
+
+def acting_as_values(findings: Sequence[AddedEffect], steps: Sequence[Stage], known: Sequence[str]) -> list[str]:
+    """Of which numbers that the diagram holds fixed the findings are another value, to first order, but those already
+    `known`; and which effects act as a value that is found."""
+    lines = []
+    for finding, step in zip(findings, steps, strict=False):
+        names = [n for n in step.acts_as.get(finding.candidate.label, ()) if n not in known]
+        if names:
+            lines.append(f"{called(finding.candidate)} acts as another value of {listing(names, len(names))} does: where "
+                         "the effect is small, the records cannot tell them apart. Make sure of that value.")
+        if finding.candidate.kind == VALUE and (alike := [label for label, names in step.acts_as.items()
+                                                          if finding.candidate.numbers[0].name in names]):
+            lines.append(f"If {finding.candidate.numbers[0].name} is right in the diagram, an effect that acts the same is "
+                         f"missing: {' or '.join(alike)}.")
+    return lines
+
+
+def equivalent_value_words(trial: Refit) -> str:
+    """That another value of a number that is held fixed does what an effect does."""
+    return f"As near to the noise comes the diagram without an effect, with {_revalued(trial)}: make sure of that value."
+
+
+def _revalued(trial: Refit) -> str:
+    """`crown.m at 102 t (in the diagram 120 t)`; of one that acts the same as another and was not fitted, no value."""
+    (held,) = trial.candidate.numbers
+    value, before = (readable(v, held.unit.text, 4) for v in (trial.values.get(held.name, held.neutral), held.neutral))
+    return f"{held.name} at {value} (in the diagram {before})" if held.name in trial.values and value != before else \
+        f"another value of {held.name} (in the diagram {before})"
+
+
+def _effect(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: object) -> str:
+    # two laws of one kind at one place may together be one that is not in the catalogue (c_2 s**2 + c_3 s**3)
+    often = Counter(called(f.candidate) for f in findings)
+    return f"Missing: {'; '.join(name if k == 1 else f'{name}, {k} times' for name, k in often.items())}." + _laws(findings)
+
+
+def _laws(findings: Sequence[AddedEffect]) -> str:
+    """The laws of the same class at the same place that the records do not tell from those that are named."""
+    laws = dict.fromkeys(t.candidate.component for f in findings for t in f.alternatives[1:]
+                         if f.certain and t.candidate.component != f.candidate.component)
+    return f" The records do not distinguish this law from {listing(laws, len(laws))} there." if laws else ""
+
+
+def _same_laws(findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> list[str]:
+    """What else in the catalogue is the law that was found, at the same place: `leakage` of a cylinder is `LaminarLeakage`
+    between its chambers."""
+    lines = []
+    for finding, step in zip(findings, steps, strict=False):
+        named = {t.candidate.label for t in finding.alternatives}
+        same = [label for label in step.twins.get(finding.candidate.label, ()) if label not in named]
+        if same:
+            lines.append(f"{listing(same, MENTIONED)} {'is' if len(same) == 1 else 'are'} the same law as "
+                         f"{called(finding.candidate)}.")
+    return lines
+
+
+
+def _one_of(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: object) -> str:
+    return "Missing: " + "; and ".join(map(_alternatives, findings)) + "." + _unsure(findings)
+
+
+def _places(finding: AddedEffect) -> dict[str, list[str]]:
+    """The places of a finding by its classes; a value that is held fixed stands for itself."""
+    found: dict[str, dict[str, None]] = {}
+    for trial in finding.alternatives:
+        candidate = trial.candidate
+        if candidate.kind == VALUE:
+            found[f"another value of {candidate.name}"] = {"": None}
+        else:
+            found.setdefault(candidate.kind, {})[candidate.place] = None
+    return {kind: list(places) for kind, places in found.items()}
+
+
+def _alternatives(finding: AddedEffect) -> str:
+    """All classes and places that a finding may be: `dry friction at the wall or at the floor; or backlash in the gear`."""
+    found = _places(finding)
+    apart = "; or " if any(len(places) > 1 for places in found.values()) else " or "
+    return apart.join(f"{kind} {', '.join(places[:-1])}{' or ' if places[1:] else ''}{places[-1]}".strip()
+                      for kind, places in found.items())
+
+
+def _unsure(findings: Sequence[AddedEffect]) -> str:
+    """What the records cannot tell apart: places alone, where each finding is of one class."""
+    what = "these" if any(len(_places(f)) > 1 for f in findings) else "these places"
+    return f" The records cannot tell {what} apart."
+
+
+def _shape(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
+           shape: AddedEffect | None) -> str:
+    said = "Something is missing that no entry of the catalogue explains."
+    if findings:
+        said += f" Nearest to it: {'; and '.join(map(_alternatives, findings))}, which is not all."
+    if shape is not None:
+        said += f" An identified curve {shape.candidate.place} lowers the error until its name is found."
+    return said
+
+
+def _white_when_held_out(rung: LadderEntry) -> bool:
+    """Whether each channel of what was not fitted leaves white noise, by the test for memory."""
+    found = [c.white for part in rung.comparison.parts if part.use != "fit" for c in part.channels.values()]
+    return bool(found) and all(p * len(found) >= LEVELS["memory"] for p in found)
+
+
+def _noise_to_write(rung: LadderEntry) -> list[str]:
+    """The noise that what is left on held-out data would be, of each channel that leaves more there than its noise."""
+    return [f"`noise: {m.words}` at {m.channel}" for m in channel_errors(rung)
+            if m.error > math.sqrt(DECISION.near) * m.noise]
+
+
+def _undetermined(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
+                  shape: AddedEffect | None) -> str:
+    if steps[-1].partial or findings:
+        near = "; and ".join(map(_alternatives, findings))
+        return "No conclusion yet: the search was ended early." + (f" Best so far: {near}." if near else "")
+    if not steps[0].left.significant and not is_still(ladder[0]):
+        best = min(ladder, key=held_out_or_fitted)
+        why = "The missing effect does not show where the model is fitted; give a longer or more exciting record " \
+            "`use: fit`." if not _white_when_held_out(best) else \
+            "It is white there too, which a missing effect seldom leaves, and a sensor that is noisier in some records " \
+            f"does. If so, nothing is missing: write {listing(_noise_to_write(best), 3)}."
+        return "Not decided by these records: the residual of the fitted records is noise, but on held-out data the " \
+            f"reduced chi-square is {number(held_out_or_fitted(best), 3)}. {why}"
+    if not steps[0].left.significant:
+        return "Not decided by these records: no channel moves by more than a few times its noise."
+    return "The residual exceeds the noise, but no effect of the catalogue reduces it noticeably on held-out data."
+
+
+_WORDS: dict[str, Callable[..., str]] = {
+    "nothing": _nothing, "parameters": _parameters, "effect": _effect, "one_of": _one_of, "shape": _shape,
+    "undetermined": _undetermined}
+
+
+def residual_notes(said: str, rest: Remainder | None, steps: Sequence[Stage]) -> list[str]:
+    """What is left after what was found, where that is not all."""
+    if said not in ("mainly", "shape", "undetermined") or not steps[0].left.significant:
+        return []
+    if rest is None:
+        return [OTHER_CAUSES] if said == "undetermined" and not steps[-1].partial else []
+    return [rest.words, *([OTHER_CAUSES] if rest.place is None or (said == "undetermined" and not rest.decided) else [])]
+
+
+def lost_candidates(steps: Sequence[Stage]) -> list[str]:
+    """What the search is without, as the system ended a process."""
+    lost = list(dict.fromkeys(label for step in steps for label in step.lost))
+    return [f"Not tried to the end: {listing(lost, 4)}. The processes that worked on this died, also when it was tried "
+            "again alone (killed, or out of memory). Fewer `--processes`, or `--samples`, need less memory."] if lost else []
+
+
+def broken_candidates(said: str, steps: Sequence[Stage]) -> list[str]:
+    """What was not tried beside an answer that leaves something open."""
+    broken = steps[0].broken if said in ("mainly", "shape", "undetermined") and steps[0].left.significant else ()
+    return [f"Not tried, as the diagram with it cannot be simulated: {listing(broken, 4)}. To see why, add one to the "
+            "diagram and run it."] if broken else []
+
+
+def wrong_starts(said: str, last: Comparison) -> list[str]:
+    """Channels that begin elsewhere than the model with all effects, and what that means where no name was found."""
+    found = [f"{name}: {start}." for name, record in last.records.items() for start in record.starts]
+    if found and said == "undetermined":
+        found.append("A wrong start leaves a transient that no effect explains, and may hide the one that is missing: set "
+                     "the start right, then diagnose again.")
+    return found
+
+
+def wrong_channels(last: Comparison) -> list[str]:
+    """Channels whose unit, sign or zero seems to be another one than the experiment says, with the model of the answer."""
+    told: dict[str, list[str]] = {}
+    for name, record in last.records.items():
+        for slip in record.slips:
+            told.setdefault(slip, []).append(name)
+    found = [f"{listing(records)}: {slip}." for slip, records in told.items()]
+    return [*found, "If so, set it right and diagnose again: what is named was found with it as it is."] if found else []
+
+
+def closed_loops(first: Comparison) -> list[str]:
+    """That inputs follow from outputs, once for each input, and what that means for the answer."""
+    told = dict.fromkeys(note for record in first.records.values() for note in record.feedback)
+    return [f"The answer may be biased: {next(iter(told))}."] if told else []
+
+
+def search_limits(classes: Sequence[str], looked: str, shorter: bool) -> list[str]:
+    """What was left out of the search."""
+    only = f"Tried were only effects of {'this class' if len(classes) == 1 else 'these classes'}: {listing(classes)}."
+    fitted = "the time did not suffice to fit what it found to all of them. Every figure is that of these beginnings" \
+        if shorter else "what it found was fitted to all of them"
+    part = f"The records are long: the search looked at their beginning ({looked}), and {fitted}. `--samples` sets how " \
+        "much, `from:` and `to:` at a record which part."
+    return [*([only] if classes else []), *([part] if looked else [])]
+
+
+# What a search may leave out, in its order.
+EFFECTS = "effects of the catalogue"
+CALIBRATION = "offsets and gains of inputs and channels beside the leading effects"
+FURTHER, VALUES = "further effects", "other values of what the diagram holds fixed"
+CURVES = "identified curves in place of an effect"
+MORE_TIME = "More time: `--seconds`. Less to do: `--samples`, `--only CLASS`, or `from:` and `to:` at a record."
+
+
+def before_search(ladder: Sequence[LadderEntry], base: Fit | None) -> tuple[str, ...]:
+    """The answer of a search that was ended before its first candidate was scored."""
+    if not ladder:
+        return "No conclusion yet: the search was ended before the model was simulated on all records. Nothing is known.", \
+            MORE_TIME
+    lines = ["No conclusion yet: the search was ended before the first candidate was scored. Known is how far the diagram "
+             "is from the records" + ("." if base is None else ", before and after the fit of the free parameters.")]
+    if base is not None and was_ended(base):
+        lines.append(f"The fit was ended too, after {counted(len(base.history), 'run')}: its values are the best so far.")
+    return *lines, MORE_TIME
+
+
+def was_ended(fit: Fit) -> bool:
+    """Whether a fit was ended before it came to its end."""
+    return fit.message == ENDED_EARLY
+
+
+def so_far(steps: Sequence[Stage], untried: Sequence[str]) -> list[str]:
+    """How far a search came that was ended early: candidates scored and refitted in the step that was cut short, what leads
+    there, and what was not tried at all."""
+    cut = next((k for k, step in enumerate(steps, 1) if step.partial), 0)
+    lines = [_cut_short(steps[cut - 1], f"In step {cut}" if len(steps) > 1 else "So far")] if cut else []
+    return [*lines, *([f"Not tried, as the search was ended early: {listing(untried, len(untried))}."] if untried else [])]
+
+
+def _cut_short(step: Stage, where: str) -> str:
+    scored, refitted = {s.candidate.label for s in step.scores}, {t.candidate.label for t in step.trials}
+    planned = max(step.planned, len(scored | refitted))
+    begun = f"{where} {len(scored)} of {counted(planned, 'candidate')} {'was' if len(scored) == 1 else 'were'} scored and " \
+        f"{len(refitted)} refitted; the others may explain the residual as well."
+    if not step.trials:
+        largest = max(step.scores, key=lambda s: s.gain, default=None)
+        return begun + (f" Largest score: {largest.candidate.label}." if largest is not None and largest.gain > 0 else "")
+    best, held = step.trials[0], math.isfinite(step.chi2_held_out)
+    before, after = (step.chi2_held_out, best.chi2_held_out) if held else (step.chi2_fit, best.chi2_fit)
+    return f"{begun} Leading: {best.candidate.label}, with which chi-square per sample goes from {number(before, 3)} to " \
+        f"{number(after, 3)} on {'held-out' if held else 'fitted'} data."

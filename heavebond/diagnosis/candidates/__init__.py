@@ -1,0 +1,1 @@
+"""Candidates: effects of the catalogue at the places of a diagram."""

@@ -1,0 +1,466 @@
+"""The catalogue of what may be missing: every effect that the library knows, at every place of a diagram where it fits.
+
+Three kinds of entry (see `language.definition.Effect`): a component that attaches, one that takes another's place, a
+dormant parameter that wakes. Nothing here knows any component by name: a component of the user's with an `effect:` takes
+part like the bundled ones.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations, count
+from math import sqrt
+
+import casadi as ca
+
+from heavebond.core.units import Dimension, Unit, dimension_text, is_generic, read_unit, solved
+from heavebond.equations.connect import Group, Network, connect
+from heavebond.equations.expanded import Expanded, Leaf
+from heavebond.equations.parameters import formula_order
+from heavebond.estimation.comparison import assemble_for
+from heavebond.estimation.experiment import Experiment
+from heavebond.language.definition import Component, Effect, FileInput, Parameter, SearchRange, rate_of
+from heavebond.language.edits import Change, Part
+from heavebond.language.effects import check_replacing
+from heavebond.language.lists import written_out
+from heavebond.numerics.dae import Assembly
+from heavebond.text.expression import parse_formula
+from heavebond.text.shapes import whole_number
+
+
+@dataclass(frozen=True)
+class EffectNumber:
+    """A number of an effect: its full name, its unit, the bounds within which it is allowed, where it is sought (None:
+    from `neutral`, as far as the record asks), and whether it makes the effect (an amplitude) or shapes it. `limits` are
+    the bounds of the parameter itself (its `min` and `max`), beyond which it has no meaning; every other end of a range is
+    one of the search. `parts` are the further parts that have this number too (one law at several places)."""
+
+    name: str
+    unit: Unit
+    low: float | None
+    high: float | None
+    sought: SearchRange | None
+    amplitude: bool
+    neutral: float = 0.0
+    limits: tuple[float | None, float | None] = (None, None)
+    parts: tuple[str, ...] = ()
+
+    @property
+    def follows(self) -> str:
+        """The full name of the variable by whose motion it is sought or held; empty where a range is given."""
+        if self.sought is None or self.sought.range is not None:
+            return ""
+        return f"{self.name.rpartition('.')[0]}.{self.sought.seen}"
+
+    @property
+    def motions(self) -> tuple[str, ...]:
+        """The variable that it follows, in all parts that have the number."""
+        return (self.follows, *(f"{part}.{self.follows.rpartition('.')[2]}" for part in self.parts)) if self.follows else ()
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect at one place: its component, what it is called (`kind`), where it stands in words and by the names of
+    nodes, ports or outputs (`where`), and the change to the diagram that puts it there at its neutral value. `orders` are
+    pairs of numbers of which the first must be above the second; `signal` is the signal input before which it stands.
+    `members` are the labels of the candidates at single places whose law stands at all of these places at once."""
+
+    name: str
+    component: str
+    kind: str
+    description: str
+    place: str
+    where: tuple[str, ...]
+    change: Change
+    numbers: tuple[EffectNumber, ...]
+    attaches: str
+    orders: tuple[tuple[str, str], ...] = ()
+    signal: str = ""
+    members: tuple[str, ...] = ()
+
+    @property
+    def label(self) -> str:
+        """`CoulombFriction between platform and crown`."""
+        return f"{self.component} {self.place}"
+
+    def as_dict(self) -> dict[str, object]:
+        """What it is and where, for machines."""
+        return {"candidate": self.label, "component": self.component, "class": self.kind, "place": self.place,
+                "where": list(self.where)}
+
+    @property
+    def vanishing(self) -> tuple[EffectNumber, ...]:
+        """The amplitudes that are neutral where the effect is absent."""
+        return tuple(n for n in self.numbers if n.amplitude and n.sought is None)
+
+    @property
+    def vanishes(self) -> bool:
+        """Whether it can stand in the diagram at amplitude zero."""
+        return bool(self.vanishing)
+
+
+@dataclass(frozen=True)
+class Site:
+    """A diagram in which effects are to be placed; `taken` are names that are not free besides those of the diagram; with
+    `apart` every name that is given is taken from then on."""
+
+    experiment: Experiment
+    assembly: Assembly
+    expanded: Expanded
+    network: Network
+    taken: set[str] = field(default_factory=set)
+    apart: bool = False
+
+    @property
+    def nodes(self) -> dict[str, list[Group]]:
+        """The nodes of each power domain."""
+        found: dict[str, list[Group]] = {}
+        for group in self.network.groups:
+            if group.domain != "signal":
+                found.setdefault(group.domain, []).append(group)
+        return found
+
+    def group(self, port: str) -> Group:
+        """What a port is joined to."""
+        return self.network.groups[self.network.group_of_port[port]]
+
+    def grounds(self, domain: str) -> dict[str, Group]:
+        """The nodes that are held by what stands for the surroundings in the domain (`reference:`): all the same one."""
+        reference = self.experiment.model.library.domains[domain].reference
+        found = (self.group(f"{leaf.path}.{p}") for leaf in self.expanded.leaves.values()
+                 if reference and leaf.component.is_a(reference) for p in leaf.component.ports)
+        return {group.name: group for group in found}
+
+    def moving(self, domain: str) -> list[Group]:
+        """The nodes of a domain but the grounds."""
+        grounds = self.grounds(domain)
+        return [group for group in self.nodes.get(domain, []) if group.name not in grounds]
+
+
+def site_of(experiment: Experiment) -> Site:
+    """The diagram of an experiment."""
+    assembly = assemble_for(experiment, next(iter(experiment.records.values())))
+    expanded = assembly.flat.expanded
+    return Site(experiment, assembly, expanded, connect(expanded, formula_order(expanded)))
+
+
+def single_candidates(experiment: Experiment, site: Site | None = None) -> list[Candidate]:
+    """All effects of the catalogue at all single places of the diagram of an experiment, in the order of the library.
+
+    `site` is the diagram in which they are placed, where there is one. Raises ModelError for an invalid diagram or
+    component.
+    """
+    site = site or site_of(experiment)
+    found = list(_dormant(site))
+    for component in experiment.model.library.effects():
+        assert component.effect is not None
+        for way in component.effect.attaches:
+            found += _WAYS[way](site, component, component.effect)
+        if component.effect.replaces:
+            found += _replacing(site, component, component.effect)
+    return found
+
+
+def _dormant(site: Site) -> Iterator[Candidate]:
+    values = site.assembly.parameter_values
+    for leaf in site.expanded.leaves.values():
+        for parameter in leaf.component.parameters.values():
+            full = f"{leaf.path}.{parameter.name}"
+            # one that is set somewhere by a formula, or has a value of its own, does not sleep
+            if parameter.neutral is None or values.get(full) != parameter.neutral:
+                continue
+            woken = [p for p in leaf.component.parameters.values() if p.name in parameter.wakes_with]
+            numbers = [_dormant_number(full, parameter),
+                       *(EffectNumber(f"{leaf.path}.{p.name}", p.unit, p.low, p.high, p.sought, False,
+                                      limits=(p.low, p.high)) for p in woken)]
+            yield within(leaf, parameter, parameter.kind or parameter.doc or parameter.name, numbers)
+
+
+def within(leaf: Leaf, parameter: Parameter, kind: str, numbers: Sequence[EffectNumber]) -> Candidate:
+    """The candidate that is another value of a part's own parameter."""
+    settings = {n.name: quantity(n.neutral if n.amplitude else _middle(n.sought), n.unit) for n in numbers}
+    return Candidate(f"{leaf.path}.{parameter.name}", leaf.component.name, kind, parameter.doc,
+                     f"in {leaf.path} ({parameter.name})", (leaf.path,), Change(settings=settings), tuple(numbers), "in")
+
+
+def _dormant_number(full: str, parameter: Parameter) -> EffectNumber:
+    low, high = parameter.low, parameter.high
+    if parameter.sought is not None and parameter.sought.range is not None:
+        low, high = parameter.sought.range.low, parameter.sought.range.high
+    return EffectNumber(full, parameter.unit, low, high, None, True, parameter.neutral or 0.0,
+                        (parameter.low, parameter.high))
+
+
+def _middle(sought: SearchRange | None) -> float:
+    """Where a number is set before it is sought; one that follows from the motion is set to 1, a divisor for any law."""
+    if sought is None:
+        return 0.0
+    if sought.range is None:
+        return 1.0
+    low, high = sought.range.low, sought.range.high
+    return sqrt(low * high) if low > 0 else (low + high) / 2
+
+
+def quantity(value: float, unit: Unit) -> str:
+    """A value in a base unit as it is written in a diagram."""
+    return f"{value:.9g}" if unit.text in ("1", "") else f"{value:.9g} {unit.text}"
+
+
+def _numbers(component: Component, effect: Effect, name: str, signal: Dimension = ()) -> tuple[EffectNumber, ...]:
+    """The numbers of an effect as the parameters of an instance; units in `$U` take the signal's."""
+    found = []
+    for key, sought in [*effect.amplitude.items(), *effect.shapes.items()]:
+        parameter = component.parameters[key]
+        unit = parameter.unit
+        if is_generic(unit.dimension):
+            unit = read_unit(dimension_text(solved(unit.dimension, {base: signal for base, _ in unit.dimension
+                                                                    if base.startswith("$")})))
+        found.append(EffectNumber(f"{name}.{key}", unit, parameter.low, parameter.high, sought, key in effect.amplitude,
+                                  limits=(parameter.low, parameter.high)))
+    return tuple(found)
+
+
+def _part(component: Component, numbers: tuple[EffectNumber, ...], more: dict[str, str] | None = None) -> Part:
+    lower = {low for _, low in component.orders}
+    values = {}
+    for n in numbers:
+        key = n.name.rpartition(".")[2]
+        middle = _middle(n.sought)
+        values[key] = quantity(-middle if key in lower and n.sought is not None and n.sought.seen else middle, n.unit)
+    return Part(component.name, {**(more or {}), **values})
+
+
+def _full(component: Component, name: str) -> tuple[tuple[str, str], ...]:
+    return tuple((f"{name}.{high}", f"{name}.{low}") for high, low in component.orders)
+
+
+def fresh(site: Site, base: str) -> str:
+    """An instance name that is free, with the nodes made from it: `coulomb_friction`, `coulomb_friction_2`, ..."""
+    used = {*site.experiment.model.body.instances, *site.experiment.model.body.wires, *site.experiment.model.parameters,
+            *site.expanded.leaves, *site.expanded.junctions, *site.taken}
+    names = (base if k == 1 else f"{base}_{k}" for k in count(1))
+    found = next(n for n in names if not {n, f"{n}_end", f"{n}_in", f"{n}_out"} & used)
+    if site.apart:
+        site.taken.update((found, f"{found}_end", f"{found}_in", f"{found}_out"))
+    return found
+
+
+def snake(name: str) -> str:
+    """`CoulombFriction` as `coulomb_friction`."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
+
+
+def _across(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]:
+    ports = [p for p in component.ports.values() if p.name not in effect.also]
+    domains = [ports[0].domain] if not ports[0].domain.startswith("$") else list(site.nodes)
+    for domain in domains:
+        for first, second, ground in _pairs(site, domain):
+            for also in _further(site, effect):
+                name = fresh(site, snake(component.name))
+                numbers = _numbers(component, effect, name)
+                ends: dict[str, tuple[str, ...]] = {first.name: (f"+{name}.{ports[0].name}",)}
+                parts = {name: _part(component, numbers)}
+                if second is None:
+                    fixed = fresh(site, f"{name}_{snake(ground)}")
+                    parts[fixed] = Part(ground)
+                    ends[f"{name}_end"] = (f"{name}.{ports[1].name}", f"{fixed}.a")
+                else:
+                    ends[second.name] = (*ends.get(second.name, ()), f"+{name}.{ports[1].name}")
+                for port, node in also.items():
+                    ends[node] = (*ends.get(node, ()), f"+{name}.{port}")
+                far = second.name if second is not None else "the surroundings"
+                seen = "".join(f", pressed by {node}" for node in also.values())
+                yield Candidate(name, component.name, effect.kind, effect.description,
+                                f"between {first.name} and {far}{seen}",
+                                (first.name, *([second.name] if second is not None else [])),
+                                Change(parts, ends, initial=_settled(component, effect, name)), numbers, "across",
+                                _full(component, name))
+
+
+def _pairs(site: Site, domain: str) -> Iterator[tuple[Group, Group | None, str]]:
+    """Pairs of nodes that a component already joins, and every node with the surroundings: the node of a component that
+    stands for them in the domain (`reference:`), else one that is added."""
+    grounds = site.grounds(domain)
+    seen: set[frozenset[str]] = set()
+
+    def key(*groups: Group) -> frozenset[str]:
+        return frozenset("" if g.name in grounds else g.name for g in groups)
+
+    for leaf in site.expanded.leaves.values():
+        groups = {g.name: g for g in (site.group(f"{leaf.path}.{p}") for p in leaf.component.ports
+                                      if leaf.component.ports[p].count is None) if g.domain == domain}
+        for first, second in combinations(groups.values(), 2):
+            if key(first, second) not in seen and len(key(first, second)) == 2:
+                seen.add(key(first, second))
+                yield first, second, ""
+    reference = site.experiment.model.library.domains[domain].reference
+    for node in site.moving(domain) if reference else []:
+        if frozenset((node.name, "")) not in seen:
+            yield node, next(iter(grounds.values()), None), reference or ""
+
+
+def _further(site: Site, effect: Effect) -> Iterator[dict[str, str]]:
+    """The nodes on which further ports are tried: one after the other of their domain."""
+    if not effect.also:
+        yield {}
+        return
+    (port, domain), *_ = effect.also.items()
+    for node in site.moving(domain):
+        yield {port: node.name}
+
+
+def _at(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]:
+    port = next(p for p in component.ports.values() if p.name not in effect.also)
+    for node in site.moving(port.domain):
+        for also in _further(site, effect):
+            name = fresh(site, snake(component.name))
+            numbers = _numbers(component, effect, name)
+            ends: dict[str, tuple[str, ...]] = {node.name: (f"+{name}.{port.name}",)}
+            for further, other in also.items():
+                ends[other] = (*ends.get(other, ()), f"+{name}.{further}")
+            yield Candidate(name, component.name, effect.kind, effect.description, f"on {node.name}", (node.name,),
+                            Change({name: _part(component, numbers)}, ends, initial=_settled(component, effect, name)),
+                            numbers, "at", _full(component, name))
+
+
+def _own_wire(site: Site, port: str) -> str | None:
+    """The node, as the diagram itself writes it, on which a port of a part of the diagram stands."""
+    for wire in site.experiment.model.body.wires.values():
+        if any(end.path == port for end in wire.ends):
+            return wire.name
+    return None
+
+
+def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]:
+    first, second = [p for p in component.ports.values() if p.name not in effect.also]
+    done: set[str] = set()
+    for leaf in site.expanded.leaves.values():
+        for port in leaf.component.ports.values():
+            path = f"{leaf.path}.{port.name}"
+            wire = _own_wire(site, path)
+            # an end that carries the node's name cannot leave it
+            if wire is None or port.count is not None or wire == leaf.path:
+                continue
+            group = site.group(path)
+            # of two ports on a node it is the same behind the one and the other
+            if group.domain != first.domain or len(group.ports) < 2 or (len(group.ports) == 2 and group.name in done):
+                continue
+            done.add(group.name)
+            name = fresh(site, snake(component.name))
+            numbers = _numbers(component, effect, name)
+            between = fresh(site, f"{leaf.path}_{port.name}")
+            ends = {wire: (f"-{path}", f"+{name}.{first.name}"), between: (path, f"{name}.{second.name}")}
+            place = f"between {group.name} and {path}"
+            yield Candidate(name, component.name, effect.kind, effect.description, place, (group.name, leaf.path),
+                            Change({name: _part(component, numbers)}, ends, initial=_settled(component, effect, name)),
+                            numbers, "in series", _full(component, name))
+
+
+def _settled(component: Component, effect: Effect, name: str) -> dict[str, str]:
+    """What stands still at the start: a machine that runs already when a record begins has not just had a line filled. (A
+    guess: where the conditions of the diagram decide it, they hold.)"""
+    found = {}
+    for variable in effect.settled:
+        if (own := rate_of(variable)) is not None:
+            found[f"der({name}.{own})"] = f"~ 0 {component.variables[own].unit.text}/s"
+        else:
+            found[f"{name}.{variable}"] = f"~ {quantity(0.0, component.variables[variable].unit)}"
+    return found
+
+
+def _signal_ports(component: Component) -> tuple[str, str]:
+    into = next(s.name for s in component.signals.values() if s.direction == "in")
+    return into, next(s.name for s in component.signals.values() if s.direction == "out")
+
+
+def _before_input(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]:
+    into, out = _signal_ports(component)
+    for leaf in site.expanded.leaves.values():
+        if leaf.path not in site.experiment.model.body.instances:
+            continue  # the inside of a block is its own file's
+        for signal in leaf.component.signals.values():
+            path = f"{leaf.path}.{signal.name}"
+            wire = _own_wire(site, path)
+            bound = leaf.inputs.get(signal.name)
+            if signal.direction != "in" or (wire is None and bound is None):
+                continue
+            name = fresh(site, f"{snake(component.name)}_{leaf.path}")
+            unit = site.network.units.get(leaf.path, {})
+            numbers = _numbers(component, effect, name, solved(signal.unit.dimension, unit))
+            change = _series_signal(name, _part(component, numbers), into, out, path, wire, leaf)
+            change = replace(change, initial=_at_rest(component, name))
+            yield Candidate(name, component.name, effect.kind, effect.description, f"before {path}", (leaf.path,), change,
+                            numbers, "input", _full(component, name), path)
+
+
+def _at_rest(component: Component, name: str) -> dict[str, str]:
+    """A signal component begins as if its input had always been what it is at the start: the states that count in the
+    input's unit are its value. (A guess: what is no state follows from the equations.)"""
+    into, out = _signal_ports(component)
+    unit = component.signals[into].unit.dimension
+    whole = {p.name: number for p in component.parameters.values() if p.integer and p.default is not None
+             for number in [whole_number(p.default.expr, {})] if number is not None}
+    states = [out, *(v.name for v in written_out(component, whole).variables.values() if v.unit.dimension == unit)]
+    return {f"{name}.{state}": f"~ ={name}.{into}" for state in states}
+
+
+def _series_signal(name: str, part: Part, into: str, out: str, path: str, wire: str | None, leaf: Leaf) -> Change:
+    """A signal component set before an input, wherever that comes from: a record, a formula or a node."""
+    bound = leaf.inputs.get(path.rpartition(".")[2])
+    if bound is not None and isinstance(bound.value, FileInput):
+        placed = Part(part.kind, {into: "0", **part.values})
+        off = {wire: (f"-{path}",)} if wire is not None else {}  # the node of the source that the record stands for
+        return Change({name: placed}, off, settings={path: f"={name}.{out}"}, moved={path: f"{name}.{into}"})
+    if bound is not None and not isinstance(bound.value, FileInput):
+        placed = Part(part.kind, {into: bound.value.text, **part.values})
+        return Change({name: placed}, settings={path: f"={name}.{out}"})
+    assert wire is not None
+    return Change({name: part}, {wire: (f"-{path}", f"+{name}.{into}"), f"{name}_out": (f"{name}.{out}", path)})
+
+
+def _behind_channel(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]:
+    into, out = _signal_ports(component)
+    for channel, output in site.experiment.outputs.items():
+        name = fresh(site, f"{snake(component.name)}_{re.sub('[^a-z0-9]+', '_', channel.lower())}")
+        numbers = _numbers(component, effect, name, read_unit(output.shown.unit).dimension)
+        formula = f"={output.shown.text}"
+        part = _part(component, numbers, {into: formula})
+        yield Candidate(name, component.name, effect.kind, effect.description, f"in the channel {channel}", (channel,),
+                        Change({name: part}, initial=_at_rest(component, name), channels={channel: f"{name}.{out}"}),
+                        numbers, "channel", _full(component, name))
+
+
+def _replacing(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]:
+    check_replacing(component, effect, site.experiment.model.library.component(effect.replaces, effect.place))
+    for leaf in site.expanded.leaves.values():
+        if not leaf.component.is_a(effect.replaces) or leaf.path not in site.experiment.model.body.instances:
+            continue
+        values = {key: quantity(_evaluated(site, leaf, formula.text), component.parameters[key].unit)
+                  for key, formula in effect.start.items()}
+        numbers = _numbers(component, effect, leaf.path)
+        part = _part(component, numbers, values)
+        part = Part(part.kind, {**part.values, **values})
+        yield Candidate(leaf.path, component.name, effect.kind, effect.description, f"in place of {leaf.path}", (leaf.path,),
+                        Change({leaf.path: part}), numbers, "replaces", _full(component, leaf.path))
+
+
+def _evaluated(site: Site, leaf: Leaf, formula: str) -> float:
+    """A formula of the old component's parameters at their present values."""
+    text = re.sub(r"\bold\.", f"{leaf.path}.", formula)
+    expression = site.assembly.expression(parse_formula(text, units=False))
+    function = ca.Function("start", list(site.assembly.arguments), [expression])
+    zeros = [ca.DM.zeros(a.shape) for a in site.assembly.arguments]
+    zeros[3] = ca.DM(site.assembly.p)
+    return float(function(*zeros))
+
+
+_WAYS = {"across": _across, "at": _at, "in series": _in_series, "input": _before_input, "channel": _behind_channel}
+
+
+def called(candidate: Candidate) -> str:
+    """The effect by its class and place, and by what `heavebond try` calls it."""
+    if candidate.attaches == "in":
+        return f"{candidate.kind} in {candidate.where[0]} ({candidate.name})"
+    return f"{candidate.kind} {candidate.place} ({candidate.component})"

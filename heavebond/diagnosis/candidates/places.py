@@ -1,0 +1,205 @@
+"""Places of effects, and one law at all similar places of a diagram.
+
+A law that replaces a part or is parallel to it acts between the nodes of this part; a dormant parameter between those whose
+ports occur in its equations, of a block in those of its parts (the leakage of a piston between the chambers, and not at its
+rod). A law in series with a part is at one place on either side of it. A node and the same node with the surroundings are
+one place; nodes that move together in the model are one node. An effect of a sensor or an input has a place of its own.
+
+Both chambers of a cylinder leak, and both guides of a beam have friction. No single place explains such records. Two places
+are similar if the same kinds of components meet there: nodes by the kinds of all parts on them, pairs of nodes by the kinds
+on both and the kinds that join them, a place in series also by its part and port, a dormant parameter by its component. The
+numbers at the further places are formulas of those at the first, so that as many numbers are fitted as at one place.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from heavebond.diagnosis.candidates.catalogue import Candidate, Site, fresh, single_candidates, site_of, snake
+from heavebond.equations.expanded import Leaf
+from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_experiment
+from heavebond.language.definition import Component, Value
+from heavebond.language.edits import Change, Part
+from heavebond.text.expression import names
+
+Place = tuple[str, frozenset[str], frozenset[str]]
+
+
+@dataclass(frozen=True)
+class Places:
+    """The nodes of each part of a diagram by its ports, the nodes that stand for the surroundings, nodes that move as one,
+    each with the first of them, and the parts."""
+
+    parts: Mapping[str, Mapping[str, str]]
+    grounds: frozenset[str]
+    as_one: Mapping[str, str] = field(default_factory=dict)
+    leaves: Mapping[str, Leaf] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, experiment: Experiment, as_one: Mapping[str, str] | None = None) -> Places:
+        """The places of the diagram of an experiment."""
+        site = site_of(experiment)
+        leaves = site.expanded.leaves.values()
+        found = {leaf.path: {port.name: site.group(f"{leaf.path}.{port.name}").name for port in leaf.component.ports.values()
+                             if port.count is None} for leaf in leaves}
+        return cls(found, frozenset(name for domain in site.nodes for name in _grounds(site, domain)), as_one or {},
+                   site.expanded.leaves)
+
+    def place(self, candidate: Candidate) -> Place:
+        """Where a candidate stands: the same for two of them at one place."""
+        if candidate.attaches in ("input", "channel"):
+            return candidate.attaches, frozenset([candidate.signal or candidate.where[0]]), frozenset()
+        series = candidate.attaches == "in series"
+        if series and candidate.members:
+            return "in series", frozenset(candidate.where), frozenset()
+        # a node may have the name of a part
+        parts = candidate.where[1:] if series else candidate.where if candidate.attaches in ("in", "replaces") else ()
+        nodes = set(candidate.where[:len(candidate.where) - len(parts)])
+        nodes = nodes.union(*(self._nodes(candidate, part) for part in parts))
+        moving = {self.as_one.get(name, name) for name in nodes - self.grounds}
+        return "", frozenset(moving or nodes), frozenset(parts if series else ())
+
+    def _nodes(self, candidate: Candidate, part: str) -> set[str]:
+        """The nodes of a part between which a candidate stands that is in it, in its place or in series with it."""
+        amplitudes = {n.name.rpartition(".")[2] for n in candidate.numbers if n.amplitude}
+        return (self._acting(part, amplitudes) if candidate.attaches == "in" else set()) or set(self.parts[part].values())
+
+    def _acting(self, part: str, parameters: set[str]) -> set[str]:
+        """The nodes on which a part acts by the equations in which these parameters of it stand; a block also by those of
+        its parts that are given their values."""
+        ports, paths = self.parts[part], {f"{part}.{name}" for name in parameters}
+        found = {ports[name] for name in _ports_beside(self.leaves[part].component, parameters) & ports.keys()}
+        for path, leaf in self.leaves.items() if self.leaves[part].component.composite else ():
+            given = {name for name, bound in leaf.parameters.items() if path.startswith(f"{part}.") and isinstance(
+                bound.value, Value) and any(bound.scope + n.text in paths for n in names(bound.value.expr))}
+            found |= self._acting(path, given) if given else set()
+        return found
+
+
+def _ports_beside(component: Component, parameters: set[str]) -> set[str]:
+    """The ports of a component whose variables stand in one equation with one of these parameters."""
+    found = set()
+    for line in component.equations:
+        named = {name.text for side in (line.tree.left, line.tree.right) for name in names(side)}
+        if named & parameters:
+            found |= {text.partition(".")[0] for text in named if "." in text}
+    return found
+
+
+def _grounds(site: Site, domain: str) -> list[str]:
+    return [group.name for group in site.grounds(domain).values()]
+
+
+Signature = tuple[object, ...]
+LAWS = ("across", "at", "in series", "in")  # ways to attach that are considered: not sensors, nor replacements
+
+
+def candidates(experiment: ExperimentOrFile) -> list[Candidate]:
+    """All effects of the catalogue at all places of the diagram of an experiment.
+
+    They stand in the order of the library, and after them each law at all like places together (`members` are the labels of
+    its single candidates). `experiment` is one that was loaded, or its file or name. Raises ModelError for an invalid
+    diagram or component, DataError for an experiment that cannot be read.
+    """
+    return _at_all_places(site_of(load_experiment(experiment)))
+
+
+def named_apart(experiment: Experiment) -> list[Candidate]:
+    """The same, each candidate at a single place with names for its parts that no other one has, so that several can be put
+    into the diagram together."""
+    return _at_all_places(replace(site_of(experiment), apart=True))
+
+
+def _at_all_places(site: Site) -> list[Candidate]:
+    found = single_candidates(site.experiment, site)
+    return [*found, *at_like_places(site, found)]
+
+
+def at_like_places(site: Site, found: Sequence[Candidate]) -> list[Candidate]:
+    """One candidate for each law and each group of at least two like places among those `found`."""
+    kinds = _kinds(site)
+    groups: dict[Signature, list[Candidate]] = {}
+    for candidate in found:
+        signature = _signature(site, candidate, kinds)
+        if signature:
+            groups.setdefault(signature, []).append(candidate)
+    return [_joined(site, group) for group in groups.values() if len(group) > 1]
+
+
+
+def _kinds(site: Site) -> dict[str, frozenset[str]]:
+    """The kinds of the components on each node."""
+    found: dict[str, set[str]] = {}
+    for leaf in site.expanded.leaves.values():
+        for port in leaf.component.ports.values():
+            if port.count is None:
+                found.setdefault(site.group(f"{leaf.path}.{port.name}").name, set()).add(leaf.component.name)
+    return {name: frozenset(kinds) for name, kinds in found.items()}
+
+
+def _signature(site: Site, candidate: Candidate, kinds: Mapping[str, frozenset[str]]) -> Signature:
+    """What like places have in common; empty for a candidate that is left out: one that depends on a further node."""
+    effect = site.experiment.model.library.component(candidate.component).effect
+    law = (candidate.component, candidate.kind, candidate.attaches)
+    if candidate.attaches == "in":
+        return (*law, candidate.name.rpartition(".")[2])
+    if candidate.attaches not in LAWS or effect is None or effect.also:
+        return ()
+    if candidate.attaches == "in series":
+        node, path = candidate.where
+        port = candidate.place.rpartition(".")[2]
+        return (*law, kinds.get(node, frozenset()), site.expanded.leaves[path].component.name, port)
+    ends = tuple(sorted(tuple(sorted(kinds.get(node, frozenset()))) for node in candidate.where))
+    return (*law, ends, _joining(site, candidate.where))
+
+
+def _joining(site: Site, nodes: Sequence[str]) -> frozenset[str]:
+    """The kinds of the components that stand on all of these nodes."""
+    return frozenset(leaf.component.name for leaf in site.expanded.leaves.values() if set(nodes) <= {
+        site.group(f"{leaf.path}.{p.name}").name for p in leaf.component.ports.values() if p.count is None})
+
+
+def _joined(site: Site, group: Sequence[Candidate]) -> Candidate:
+    """The same law at all places of a group, with the numbers of the first."""
+    first, *others = group
+    own = site if site.apart else replace(site, taken={*site.taken, *first.change.components})
+    change = first.change
+    parts: list[str] = []
+    for other in others:
+        more, part = (_with_numbers_of(first, other), other.where[0]) if first.attaches == "in" else \
+            _following(own, first, other)
+        change, parts = change.joined(more), [*parts, part]
+    where = tuple(dict.fromkeys(name for candidate in group for name in candidate.where))
+    place = " and ".join(c.place for c in group)
+    return replace(first, place=place, where=where, change=change, members=tuple(c.label for c in group),
+                   numbers=tuple(replace(n, parts=tuple(parts)) for n in first.numbers))
+
+
+def _with_numbers_of(first: Candidate, other: Candidate) -> Change:
+    """Another part's dormant numbers as those of the first part."""
+    owner, another = (c.name.rpartition(".")[0] for c in (first, other))
+    return Change(settings={f"{another}.{key}": f"={owner}.{key}"
+                            for key in (n.name.rpartition(".")[2] for n in first.numbers)})
+
+
+def _following(site: Site, first: Candidate, other: Candidate) -> tuple[Change, str]:
+    """The change that puts the law at another place, under names of its own and with the numbers of the first; and the name
+    of the part there."""
+    names, change = {}, other.change
+    for part in change.components:
+        names[part] = fresh(site, part if part != other.name else snake(other.component))
+        site.taken.add(names[part])
+    shared = {n.name.rpartition(".")[2] for n in first.numbers}
+    parts = {names[old]: Part(part.kind, {key: f"={first.name}.{key}" if old == other.name and key in shared else text
+                                          for key, text in part.values.items()})
+             for old, part in change.components.items()}
+
+    def end(text: str) -> str:
+        sign, owner, rest = re.fullmatch(r"([+-]?)([^.]*)(.*)", text).groups()  # type: ignore[union-attr]
+        return f"{sign}{names.get(owner, owner)}{rest}"
+
+    nodes = {names.get(node.removesuffix("_end"), node.removesuffix("_end")) + "_end" if node.endswith("_end")
+             and node.removesuffix("_end") in names else node: tuple(map(end, ends)) for node, ends in change.nodes.items()}
+    return Change(parts, nodes, initial={end(name): text for name, text in change.initial.items()}), names[other.name]

@@ -1,0 +1,1 @@
+"""Predictive comparison of refits, flexible laws, probabilities."""

@@ -1,0 +1,270 @@
+"""Predictive errors of fitted models, and the models that predict as well as the best.
+
+Predictive errors are squared whitened residuals of samples that the parameters were not fitted to. On records that are not
+fitted they are those of the model as fitted. On fitted records they are cross-validated by blocks of time: block B is
+predicted by the parameters fitted to all other samples, without a gap on either side of B, so that correlated residuals
+carry nothing over. No refit is needed for it. With residuals r (n,) and their derivatives J (n, m) at the optimum, P the
+derivatives of the priors and B' the block with its gaps, the parameters without B' are to first order
+
+    d = (J'J + P'P)^-1 J_B' 'r_B',      r_B(-B') = r_B + J_B d
+
+(the infinitesimal jackknife: R. Giordano et al., A Swiss Army Infinitesimal Jackknife, AISTATS 2019, arXiv:1806.00550; for
+blocks of dependent data P. Burman, E. Chow, D. Nolan, 1994, doi:10.1093/biomet/81.2.351). The normal matrix keeps the
+block, so that a parameter that one block alone determines (a stop that is met once) does not diverge without it.
+
+The model confidence set: from the losses of several models on the same samples, those are removed one after the other whose
+mean loss is significantly larger than that of another one, until the hypothesis that all remaining models predict equally
+well is no longer rejected at the level alpha. The set then holds the best model with probability 1 - alpha. The statistic
+is the largest t value of all pairs; its distribution, and the standard errors, come from a stationary bootstrap of blocks
+of random length, which keeps the correlation of the losses along time; they are corrected for the share of the variance
+that blocks miss. Blocks do not cross the borders of stretches.
+
+P. R. Hansen, A. Lunde, J. M. Nason, The model confidence set, Econometrica 79, 2011, doi:10.3982/ECTA5771; D. N. Politis,
+J. P. Romano, The stationary bootstrap, 1994, doi:10.1080/01621459.1994.10476870; block length after D. N. Politis, H.
+White, 2004, doi:10.1081/ETC-120028836, with the correction of A. Patton, D. N. Politis, H. White, 2009,
+doi:10.1080/07474930802459016.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import ModelError, SimulationError, StartError
+from heavebond.diagnosis.decision import DECISION
+from heavebond.estimation.experiment import is_test
+from heavebond.estimation.fitting import own_start
+from heavebond.estimation.residuals import BROKEN, Residuals, Run
+from heavebond.numerics.dae import Array
+
+MISSING = 0.5  # share of the variance that a correction may add at most
+LARGEST = 3  # a block is no longer than this part of the mean stretch
+
+
+@dataclass(frozen=True)
+class ConfidenceSet:
+    """p: the p value of each of m models (m,): those with at least the level are in the set; best: the share of resamples
+    in which each has the smallest mean loss (m,); blocks: how many independent blocks the samples are worth."""
+
+    p: Array
+    best: Array
+    blocks: float
+
+    def __contains__(self, k: object) -> bool:
+        return isinstance(k, int) and bool(self.p[k] >= DECISION.level)
+
+
+def confidence_set(losses: Array, counts: Array, stretch: NDArray[np.int64], draws: int = DECISION.draws,
+                   seed: int = 0) -> ConfidenceSet:
+    """The set for m models: `losses` (m, k) are sums over bins of `counts` (k,) samples, `stretch` (k,) the number of the
+    uninterrupted stretch of each bin (bins of one stretch are neighbours)."""
+    m = len(losses)
+    samples = float(counts.sum())
+    means = losses.sum(axis=1) / samples
+    if m == 1:
+        return ConfidenceSet(np.ones(1), np.ones(1), np.nan)
+    first = int(np.argmin(means))
+    differences = [losses[k] - losses[first] for k in range(m) if k != first]
+    length, missing = np.max([block_length(d - d.sum() / samples * counts, stretch) for d in differences], axis=0)
+    weights = resampled(stretch, length, draws, np.random.default_rng(seed))
+    drawn = (weights @ losses.T) / (weights @ counts)[:, None]
+    best = np.bincount(np.argmin(drawn, axis=1), minlength=m) / draws
+    gap = means[:, None] - means[None, :]
+    off = (drawn[:, :, None] - drawn[:, None, :]) - gap
+    error = np.sqrt(np.mean(off**2, axis=0))
+    scale = np.where(error > 0, error, np.inf)
+    t, chance = gap / scale * np.sqrt(1 - missing), np.abs(off) / scale
+    t[(error == 0) & (gap > 0)] = np.inf
+    p, left, largest = np.ones(m), list(range(m)), 0.0
+    while len(left) > 1:
+        inside = np.ix_(left, left)
+        worst = t[inside].max(axis=1)
+        k = left[int(np.argmax(worst))]
+        largest = max(largest, float(np.mean(chance[:, inside[0], inside[1]].max(axis=(1, 2)) >= worst.max())))
+        p[k] = largest
+        left.remove(k)
+    return ConfidenceSet(p, best, len(stretch) / length)
+
+
+def resampled(stretch: NDArray[np.int64], length: float, draws: int, random: np.random.Generator) -> Array:
+    """How often each bin is drawn in each resample (draws, k): blocks of geometric lengths of this mean, which go on at the
+    beginning of their stretch where they pass its end."""
+    found = np.zeros((draws, len(stretch)))
+    for begin, end in stretches(stretch):
+        n = end - begin
+        fresh = random.random((draws, n)) < 1 / max(1.0, min(length, n))
+        fresh[:, 0] = True
+        last = np.maximum.accumulate(np.where(fresh, np.arange(n), 0), axis=1)
+        start = random.integers(0, n, (draws, n))
+        index = (np.take_along_axis(start, last, axis=1) + np.arange(n) - last) % n
+        flat = (np.arange(draws)[:, None] * n + index).ravel()
+        found[:, begin:end] = np.bincount(flat, minlength=draws * n).reshape(draws, n)
+    return found
+
+
+def stretches(stretch: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """Where each stretch begins and ends."""
+    edges = [0, *(np.flatnonzero(np.diff(stretch)) + 1).tolist(), len(stretch)]
+    return list(pairwise(edges))
+
+
+def block_length(x: Array, stretch: NDArray[np.int64]) -> tuple[float, float]:
+    """The mean length b of blocks for a series (k,) of mean zero that is best for the variance of its mean, and the share
+    of this variance that the bootstrap then misses to first order, G/(b g) + b/k with g the spectrum at zero and G the sum
+    of |lag| times the autocovariance (S. N. Lahiri, 1999, doi:10.1214/aos/1018031117)."""
+    parts = [x[begin:end] for begin, end in stretches(stretch)]
+    n = len(x)
+    most = max(1.0, n / len(parts) / LARGEST)
+    limit, enough = int(min(np.ceil(most), n - 1)), max(5, int(np.ceil(np.sqrt(np.log10(n)))))
+    R = np.array([sum(float(part[lag:] @ part[:len(part) - lag]) for part in parts if len(part) > lag) / n
+                  for lag in range(limit + enough + 1)])
+    if R[0] <= 0:
+        return 1.0, 0.0
+    small = np.abs(R / R[0]) < 2 * np.sqrt(np.log10(n) / n)
+    quiet = next((lag for lag in range(1, limit + 1) if small[lag:lag + enough].all()), limit)
+    lags = np.arange(1, min(2 * quiet, len(R) - 1) + 1)
+    taper = np.clip(2 * (1 - lags / (2 * quiet)), 0, 1)
+    G, spectrum = 2 * np.sum(taper * lags * R[lags]), R[0] + 2 * np.sum(taper * R[lags])
+    if spectrum == 0:
+        return most, MISSING
+    length = float(np.clip((G**2 / spectrum**2 * n) ** (1 / 3), 1.0, most))
+    return length, float(np.clip(G / spectrum / length, 0.0, MISSING) + min(length / n, MISSING) / 2)
+
+
+FITTED, SELECTION, TEST = 0, 1, 2  # roles of data
+BINS = 2000  # at most: neighbouring samples are summed, which leaves the sums of blocks as they are
+GAP = 0.5  # share of a block that a gap may have at most
+
+
+@dataclass(frozen=True)
+class PredictiveErrors:
+    """Squared whitened prediction errors in consecutive bins of time: their sums (k,), the number of samples in each (k,),
+    the uninterrupted stretch of a record that each bin belongs to (k,), and the role (k,) of its samples: FITTED
+    (cross-validated), SELECTION or TEST."""
+
+    sums: Array
+    counts: Array
+    stretch: NDArray[np.int64]
+    role: NDArray[np.int64]
+
+    def mean(self, *roles: int) -> float:
+        """The mean over the samples of these roles (chi-square per sample); NaN without samples."""
+        of = np.isin(self.role, roles)
+        samples = float(self.counts[of].sum())
+        return float(self.sums[of].sum()) / samples if samples else float("nan")
+
+    def samples(self, *roles: int) -> int:
+        """The number of samples of these roles."""
+        return int(self.counts[np.isin(self.role, roles)].sum())
+
+
+@dataclass(frozen=True)
+class Series:
+    """Errors of one record along its times: sums (N,) over the channels, counts (N,), and their role."""
+
+    sums: Array
+    counts: Array
+    role: int
+
+
+def predictive_errors(problem: Residuals, inner: Array, exact: Mapping[str, Run], r: Array) -> PredictiveErrors:
+    """The predictive errors of a fit: `r` (n,) are its residuals on the fitted samples, `exact` runs of all records."""
+    return binned([*_fitted(problem, inner, r), *_held_out(problem, inner, exact)])
+
+
+def binned(series: Sequence[Series]) -> PredictiveErrors:
+    """The bins of several series; times at which no sample counts end a stretch where they are many."""
+    total = sum(int((s.counts > 0).sum()) for s in series)
+    width = max(1, -(-total // BINS))
+    sums, counts, stretches, roles = [], [], [], []
+    for number, (s, part) in enumerate((one, part) for one in series for part in _parts(one)):
+        edges = np.arange(0, len(part), width)
+        sums.append(np.add.reduceat(s.sums[part], edges))
+        counts.append(np.add.reduceat(s.counts[part], edges))
+        stretches.append(np.full(len(edges), number))
+        roles.append(np.full(len(edges), s.role))
+    if not sums:
+        return PredictiveErrors(np.zeros(0), np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64))
+    return PredictiveErrors(*(np.concatenate(found) for found in (sums, counts, stretches, roles)))
+
+
+def _parts(s: Series) -> Iterator[NDArray[np.int64]]:
+    """The places of the samples of a series, stretch by stretch: one ends where samples are missing for longer than ten
+    usual distances (blocks that are held out; a gap)."""
+    there = np.flatnonzero(s.counts > 0)
+    if len(there):
+        far = np.diff(there)
+        yield from np.split(there, np.flatnonzero(far > 10 * np.median(far)) + 1 if len(far) else [])
+
+
+def _held_out(problem: Residuals, inner: Array, exact: Mapping[str, Run]) -> Iterator[Series]:
+    """The errors on all samples that were not fitted; a run that breaks down has a large error at each."""
+    experiment = problem.experiment
+    for record in experiment.records.values():
+        run, values = exact[record.name], problem.values_of(inner, record.name)
+        which = run.counts if record.use != "fit" else run.checking
+        if not which.any():
+            continue
+        try:
+            if record.use != "fit":
+                values = {**values, **own_start(experiment, record, values, run)}
+            r = run.held_out(values)[0]
+        except (ModelError, SimulationError, StartError):
+            r = np.full(int(which.sum()), BROKEN)
+        yield _series(which, r, TEST if is_test(experiment, record) else SELECTION)
+
+
+def _series(which: NDArray[np.bool_], r: Array, role: int) -> Series:
+    """Residuals of the samples `which` (channels, N), channel after channel, along the times."""
+    place = np.nonzero(which)[1]
+    with np.errstate(over="ignore", invalid="ignore"):
+        squared = np.nan_to_num(np.minimum(r**2, BROKEN**2), nan=BROKEN**2)
+    sums = np.bincount(place, squared, which.shape[1]).astype(float)
+    return Series(sums, np.bincount(place, minlength=len(sums)).astype(float), role)
+
+
+def _fitted(problem: Residuals, inner: Array, r: Array) -> Iterator[Series]:
+    """The cross-validated errors on the fitted samples of each record."""
+    predicted = cross_validated(problem, inner, r)
+    ends = np.cumsum([int(run.counts.sum()) for run in problem.runs])[:-1]
+    for run, part in zip(problem.runs, np.split(predicted, ends), strict=True):
+        yield _series(run.counts, part, FITTED)
+
+
+def cross_validated(problem: Residuals, inner: Array, r: Array) -> Array:
+    """The residuals (n,) of all fitted samples, each predicted by the parameters fitted without its block of time."""
+    moving = np.flatnonzero(~problem.at_end(inner))
+    if not len(moving):
+        return r
+    J, priors = problem.evaluate(inner)[1][:, moving], problem.priors(inner)[1][:, moving]
+    normal = J.T @ J + priors.T @ priors
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    low, high = (problem.low - inner)[moving], (problem.high - inner)[moving]
+    inverse = np.linalg.pinv(normal / scale[:, None] / scale, rcond=1e-12) / scale[:, None] / scale
+    found = r.copy()
+    for block, wide in _blocks(problem):
+        step = inverse @ (J[wide].T @ r[wide])
+        found[block] = r[block] + J[block] @ np.clip(step, low, high)
+    return found
+
+
+def _blocks(problem: Residuals) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """The samples of each block, and those with the gaps on either side: as many blocks for each record as its share of all
+    samples asks for."""
+    total, before = problem.samples, 0
+    for run in problem.runs:
+        place = np.nonzero(run.counts)[1]
+        number = max(2, round(DECISION.folds * len(place) / max(total, 1)))
+        first, last = int(place.min(initial=0)), int(place.max(initial=0)) + 1
+        edges = np.linspace(first, last, number + 1)
+        gap = GAP * (last - first) / number
+        for low, high in pairwise(edges):
+            block = np.flatnonzero((place >= low) & (place < high))
+            wide = np.flatnonzero((place >= low - gap) & (place < high + gap))
+            if len(block):
+                yield before + block, before + wide
+        before += len(place)

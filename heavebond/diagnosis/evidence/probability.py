@@ -1,0 +1,285 @@
+"""How sure is it? A calibrated probability of each event that the records may be explained by.
+
+The events are the classes of the catalogue at their places, "outside the catalogue", "parameters only" and "nothing"; their
+probabilities add up to 1.
+
+Among effects, and among other values of what the diagram holds fixed, the weight of each is that of stacking by
+bootstrapped predictive likelihoods (pseudo-BMA+: Y. Yao, A. Vehtari, D. Simpson, A. Gelman, 2018, doi:10.1214/17-BA1091),
+tempered by one temperature T: with l_i the mean squared whitened prediction error of model i over n samples in one resample
+of blocks (see `confidence_set`),
+
+    w_i = E[ l_i**(-n/2T) / sum_j l_j**(-n/2T) ]
+
+over resamples; for T = 0 the share of resamples in which i predicts best. A law that only refines a simpler one at the same
+place, with an amplitude that the records do not tell from none, counts with the simpler one. The odds of a law outside the
+catalogue are A exp(B (1 - 1/c)), with c the mean squared prediction error that the best of these leaves, in noise variances
+(at least 1): 1 - 1/c is the share of it that is more than noise, so that they end at A exp(B) however much is left. Whether
+there is an effect at all follows from the p value of the tests of the residual by the smallest Bayes factor for none, -e p
+ln p (T. Sellke, M. J. Bayarri, J. O. Berger, 2001, doi:10.1198/000313001300339950), times prior odds; whether the data
+sheet is right by that of the likelihood ratio of the fitted parameters, with the same odds. A share of everything is kept
+for what was not considered.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from heavebond.core.errors import listing
+from heavebond.diagnosis.candidates.catalogue import Candidate
+from heavebond.diagnosis.candidates.fixed_values import VALUE
+from heavebond.diagnosis.decision import DECISION
+from heavebond.diagnosis.evidence.comparison import HOPELESS, loss
+from heavebond.diagnosis.evidence.prediction import block_length, resampled
+from heavebond.diagnosis.evidence.residual_tests import LEVELS, ResidualTests
+from heavebond.diagnosis.search.refit import Refit
+from heavebond.diagnosis.search.step import Stage, refines, twins_of
+from heavebond.language.library import same_class
+from heavebond.numerics.dae import Array
+
+NOTHING, PARAMETERS = "nothing", "parameters only"
+OUTSIDE, OTHER = "outside the catalogue", "another effect of the catalogue"
+TEMPERATURES = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+Share = TypeVar("Share", float, Array)
+KEPT = 0.01  # weight at any of these from which on an effect is listed in a file
+STATED = 0.01  # probability from which on an effect that the answer leaves out is listed by itself
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The constants, fitted to the cases of the study on success rates (`python -m benchmarks.diagnosis.calibration fit`).
+
+    cases: how many these were; temperature: T, by which log-likelihoods are divided; outside: A, the odds of a law outside
+    the catalogue where one of the catalogue leaves noise; excess: B, the logarithm of the factor by which they are larger
+    where much more than noise is left; simpler: K, the odds that nothing is missing, and that the data
+    sheet is right, where no test speaks against it; lapse: share kept for effects of the catalogue that were not considered.
+    """
+
+    cases: int = 744
+    temperature: float = 16.0
+    outside: float = 0.152
+    excess: float = 3.6
+    simpler: float = 40.0
+    lapse: float = 0.019
+
+
+CALIBRATION = Calibration()
+PROBABILITY = f"Probability, calibrated on {CALIBRATION.cases} cases"  # a heading
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that the records may be explained by, and its probability. Of an effect: its class `kind`, its `place` in
+    words and `where` in names, and the `labels` of its candidates; of other events `kind` alone."""
+
+    kind: str
+    probability: float
+    place: str = ""
+    where: tuple[str, ...] = ()
+    labels: tuple[str, ...] = ()
+
+    @property
+    def row(self) -> tuple[str, str]:
+        """The event in words and its probability in whole percent, for tables; none is certain."""
+        percent = 100 * self.probability
+        said = "> 99 %" if percent > 99 else "< 1 %" if percent < 1 else f"{percent:.0f} %"
+        return f"{self.kind} {self.place}".rstrip(), said
+
+    def as_dict(self) -> dict[str, object]:
+        """What it is and how probable, for machines."""
+        return {"event": self.kind, "place": self.place, "where": list(self.where), "probability": self.probability}
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the probabilities are computed from. `effects` are the events of models (with probability 0; of class VALUE
+    where it is another value of what is held fixed) and `weights` theirs (m,) at each of the TEMPERATURES; `left` is the
+    mean squared whitened prediction error of the best of them (1 = noise level, and at least 1; 1 where none was fitted),
+    `missing` the Bayes factor bound of the tests of the residual for nothing missing, `sheet` that of the fitted parameters
+    for the values of the data sheet."""
+
+    effects: tuple[Event, ...]
+    weights: Mapping[float, Array]
+    left: float
+    missing: float
+    sheet: float
+
+    def as_dict(self) -> dict[str, object]:
+        """Everything for a file, but effects of hardly any weight."""
+        most = np.max([*self.weights.values()], axis=0) if self.effects else np.zeros(0)
+        kept = [k for k, weight in enumerate(most) if weight >= KEPT]
+        effects = [self.effects[k] for k in kept]
+        return {"effects": [[e.kind, e.place, list(e.where), list(e.labels)] for e in effects],
+                "weights": {f"{t:g}": [round(float(found[k]), 4) for k in kept] for t, found in self.weights.items()},
+                "left": self.left, "missing": self.missing, "sheet": self.sheet}
+
+    @classmethod
+    def of_dict(cls, kept: Mapping[str, object]) -> Evidence:
+        """The evidence from `as_dict`."""
+        effects, weights = kept["effects"], kept["weights"]
+        assert isinstance(effects, list) and isinstance(weights, dict)
+        return cls(tuple(Event(kind, 0.0, place, tuple(where), tuple(labels)) for kind, place, where, labels in effects),
+                   {float(t): np.array(found) for t, found in weights.items()},
+                   *(float(str(kept[name])) for name in ("left", "missing", "sheet")))
+
+
+def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float = 1.0) -> Evidence:
+    """The evidence of a ladder: the refits of its first step, those of other values of what is held fixed on the same
+    records, and the p value `sheet` of the hypothesis that the data sheet is right. What the best leaves is what is left
+    after all steps: effects of the catalogue that were found beside the first are no sign of a law outside it."""
+    made = steps[0]
+    others = [t for t in values.trials if t.candidate.kind == VALUE] if values is not None else []
+    bins = len(made.errors.sums) if made.errors is not None else 0
+    trials = [t for t in (*made.trials, *others) if t.errors is not None and len(t.errors.sums) == bins > 0]
+    families: dict[object, list[Refit]] = {}
+    for trial in trials:
+        families.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)
+                             if trial.candidate.kind != VALUE else trial.candidate.name), []).append(trial)
+    alike = list(families.values())
+    best = [min(family, key=loss) for family in alike]
+    later = [step.chosen for step in steps[1:] if step.chosen is not None and step.chosen.errors is not None]
+    left = max(1.0, min(map(loss, [*best, *later]), default=1.0))
+    return Evidence(*_weighted(alike, _to_simpler(alike, best, _weights(best), made), made), left,
+                    factor_bound(_p_value(made.left)), factor_bound(sheet))
+
+
+def _to_simpler(families: Sequence[Sequence[Refit]], best: Sequence[Refit], weights: Mapping[float, Array],
+                made: Stage) -> dict[float, Array]:
+    """The weights where that of a law which only refines a simpler one at the same place, but for chance, is that of the
+    simpler one: it is the same law with an amplitude that the records do not tell from none."""
+    least = [min(t.unknowns for t in family) for family in families]
+    laws = [(*family, *twins_of(family, made)) for family in families]  # with places that are the same machine
+    to = np.arange(len(best))
+    for k in sorted(range(len(best)), key=lambda k: least[k]):
+        simpler = [j for j in range(len(best)) if least[j] < least[k] and refines(best[k], laws[j])]
+        if simpler:
+            to[k] = to[min(simpler, key=lambda j: (least[j], -weights[1.0][j]))]
+    return {t: np.asarray(np.bincount(to, weight, len(best)), float) for t, weight in weights.items()}
+
+
+def _weighted(families: Sequence[Sequence[Refit]], weights: Mapping[float, Array], made: Stage
+              ) -> tuple[tuple[Event, ...], dict[float, Array]]:
+    """The events with their weights: a class at a place. Classes and places that act the same share a weight."""
+    if not families:
+        return (), {}
+    by_label = {s.candidate.label: s.candidate for s in made.scores}
+    places = made.places
+    found: dict[object, Event] = {}
+    shares: dict[object, dict[int, float]] = {}
+    order = sorted(range(len(families)), key=lambda k: -weights[1.0][k])  # an event is called what its best law is called
+    for k in order:
+        family = families[k]
+        own = [t.candidate for t in family]
+        twins = [by_label[label] for c in own for label in made.twins.get(c.label, ()) if label in by_label]
+        alike: dict[object, list[Candidate]] = {}
+        for c in (*own, *twins):
+            alike.setdefault(c.name if c.kind == VALUE else (_class_of(c, own[0]), places.place(c)), []).append(c)
+        for key, candidates in alike.items():
+            c, labels = candidates[0], tuple(c.label for c in candidates)
+            before = found.setdefault(key, Event(c.kind, 0.0, c.place, c.where))
+            found[key] = replace(before, labels=(*before.labels, *labels))
+            shares.setdefault(key, {})[k] = 1 / len(alike)
+    mixing = np.array([[of.get(k, 0.0) for k in range(len(families))] for of in shares.values()])
+    return tuple(found.values()), {t: mixing @ weight for t, weight in weights.items()}
+
+
+def _class_of(candidate: Candidate, first: Candidate) -> str:
+    """The class of a candidate; that of the first where one is a special case of the other."""
+    return first.kind if same_class(candidate.kind, first.kind) else candidate.kind
+
+
+def _weights(trials: Sequence[Refit]) -> dict[float, Array]:
+    """The weights (m,) of models at each of the temperatures."""
+    if not trials:
+        return {}
+    errors = [t.errors for t in trials if t.errors is not None]
+    losses, counts, stretch = np.array([e.sums for e in errors]), errors[0].counts, errors[0].stretch
+    found = {t: np.zeros(len(trials)) for t in TEMPERATURES}
+    samples = float(counts.sum())
+    means = losses.sum(axis=1) / samples
+    close = np.flatnonzero(means <= HOPELESS * max(float(means.min()), 1.0))
+    part, first = losses[close], int(np.argmin(means[close]))
+    lengths = [block_length(d - d.sum() / samples * counts, stretch)[0]
+               for k, d in enumerate(part - part[first]) if k != first]
+    drawn = resampled(stretch, max(lengths, default=1.0), DECISION.draws, np.random.default_rng(0))
+    log = np.log(np.maximum((drawn @ part.T) / (drawn @ counts)[:, None], 1e-300))
+    ahead = log - log.min(axis=1, keepdims=True)
+    for t in TEMPERATURES:
+        each = np.exp(-samples / (2 * t) * ahead) if t > 0 else (ahead == 0).astype(float)
+        found[t][close] = np.mean(each / each.sum(axis=1, keepdims=True), axis=0)
+    return found
+
+
+def _p_value(left: ResidualTests) -> float:
+    """The three tests as one, which is below the sum of their levels where one of them is below its own."""
+    level = sum(LEVELS.values())
+    return float(min(1.0, *(getattr(left, name) * level / own for name, own in LEVELS.items())))
+
+
+def factor_bound(p: float) -> float:
+    """-e p ln p, the smallest Bayes factor for a hypothesis whose p value is p; 1 from p = 1/e on."""
+    return float(-math.e * p * math.log(p)) if 0 < p < 1 / math.e else float(p > 0)
+
+
+def parts(constants: Calibration, missing: Share, sheet: Share, left: Share) -> tuple[Share, ...]:
+    """The probabilities of nothing, of parameters that are fitted, of a law outside the catalogue, and of all effects and
+    other values together, which share it by their weights; numbers, or arrays of them for many cases."""
+    without, right = _share(constants.simpler * missing), _share(constants.simpler * sheet)
+    outside = _share(constants.outside * np.exp(constants.excess * (1 - 1 / left)))
+    rest = 1 - constants.lapse
+    return (rest * without * right, rest * without * (1 - right), rest * (1 - without) * outside,
+            rest * (1 - without) * (1 - outside))
+
+
+def probabilities(known: Evidence, constants: Calibration = CALIBRATION) -> tuple[Event, ...]:
+    """The events with their probabilities, the most probable first; they add up to 1."""
+    nothing, parameters, outside, among = map(float, parts(constants, known.missing, known.sheet, known.left))
+    weights = known.weights[constants.temperature] if known.effects else np.zeros(0)
+    found = {NOTHING: nothing, PARAMETERS: parameters, OUTSIDE: outside,
+             OTHER: constants.lapse + among * max(0.0, 1 - float(weights.sum()))}
+    effects = []
+    for event, weight in zip(known.effects, weights, strict=True):
+        if event.kind == VALUE:
+            found[PARAMETERS] += among * float(weight)
+        else:
+            effects.append(replace(event, probability=among * float(weight)))
+    events = [*effects, *(Event(kind, p) for kind, p in found.items())]
+    return tuple(sorted(events, key=lambda event: -event.probability))
+
+
+def stated(events: Sequence[Event], named: Sequence[str]) -> tuple[Event, ...]:
+    """The events, with those as one that are hardly probable and that the answer, the candidates with the labels `named`,
+    leaves out."""
+    own = [e for e in events if e.kind == OTHER or e.probability >= STATED or set(e.labels) & set(named)]
+    more = sum(e.probability for e in events if e not in own)
+    found = [replace(e, probability=e.probability + more) if e.kind == OTHER else e for e in own]
+    return tuple(sorted(found, key=lambda event: -event.probability))
+
+
+def resemblance(events: Sequence[Event]) -> list[str]:
+    """What is said beside a name where a law outside the catalogue is more probable than everything else."""
+    outside = next((e for e in events if e.kind == OUTSIDE), None)
+    if outside is None or outside.probability <= 0.5:
+        return []
+    return [f"By the calibration, a law that the catalogue does not have, and that what is named only resembles, is more "
+            f"probable ({outside.row[1]})."]
+
+
+def more_probable_alone(events: Sequence[Event], named: Sequence[str], others: Sequence[str]) -> list[str]:
+    """What is said where further effects, `others` in words, were found beside the answer to the first step, the candidates
+    with the labels `named`: the events of more probability in the first step that the answer leaves out, as they predict
+    worse beside these."""
+    most = max((e.probability for e in events if set(e.labels) & set(named)), default=1.0)
+    left = [" ".join((e.row[0], f"({e.row[1]})")) for e in events if e.labels and e.probability > most]
+    if not others or not left:
+        return []
+    return [f"The probabilities are those of the first step alone: beside {listing(others, 3)}, {listing(left, 3)} "
+            f"{'predict' if len(left) > 1 else 'predicts'} worse than what is named."]
+
+
+def _share(odds: Share) -> Share:
+    return odds / (1 + odds)

@@ -1,0 +1,1 @@
+"""Scores, refits and stepwise selection of candidates."""

@@ -1,0 +1,165 @@
+"""Records that begin in another state than the diagram does, tried as an explanation beside effects.
+
+A wrong start leaves a transient that no effect explains, and that effects may imitate. Where a measured state begins
+elsewhere in a record than in the model, the value at which each record begins is estimated with all that is free, and what
+is missing is sought beside it: unless an offset or a gain of the sensor explains how all records begin, as that may be what
+is wrong, and is among what is sought. A record that is cut from a motion begins with a velocity too: where the data show it,
+that is estimated beside the position.
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from heavebond.core.errors import listing
+from heavebond.core.presentation import number, readable
+from heavebond.core.progress import Progress
+from heavebond.core.units import Range
+from heavebond.core.units import unit as read_unit
+from heavebond.diagnosis.search.step import EARNED
+from heavebond.diagnosis.state import LadderEntry, ladder_entry
+from heavebond.estimation.comparison import ELSEWHERE, Channel, Comparison
+from heavebond.estimation.experiment import Experiment, Free
+from heavebond.estimation.fitting import Fit, fit
+
+INITIAL = "initial."
+
+
+def _with_own_starts(experiment: Experiment, comparison: Comparison) -> Experiment | None:
+    """The experiment in which each state that begins elsewhere in a record has a start of its own in each record; None where
+    there is none, or where the diagram decides the start by an equilibrium. A start is sought between those measured and
+    that of the diagram, and by as much further as does not count as elsewhere."""
+    if experiment.model.initial.mode is not None:
+        return None
+    names = dict.fromkeys(name for record in comparison.records.values() for name in record.elsewhere)
+    free, values = dict(experiment.free), {}
+    place = next(iter(experiment.records.values())).place
+    for name in names:
+        state, unit = experiment.outputs[name].shown.text, read_unit(experiment.outputs[name].shown.unit)
+        known = next(iter(comparison.records.values())).result.assembly.flat.names
+        if state not in known or f"{INITIAL}{state}" in free:
+            continue  # a formula of states has no start of its own
+        channels = [record.channels[name] for record in comparison.records.values()]
+        if _as_a_sensor(channels):
+            continue
+        before = float(unit.to_si(channels[0].model[0]))
+        around = ELSEWHERE * max(max(c.noise, c.step) for c in channels) * unit.scale
+        begins = [before, *(float(unit.to_si(c.measured[0])) for c in channels)]
+        free[f"{INITIAL}{state}"] = Free(f"{INITIAL}{state}", Range(min(begins) - around, max(begins) + around, unit), place,
+                                         each=True)
+        values[f"{INITIAL}{state}"] = before
+    if not values:
+        return None
+    return replace(experiment, model=experiment.model.with_parameters(values), free=free)
+
+
+def _with_velocities(own: Experiment, before: Experiment, comparison: Comparison) -> Experiment | None:
+    """The experiment with own starts in which the rate of each position that has one is such a start too, where it is a
+    state and no channel measures it; None where there is none. It is sought up to the largest rate between two samples."""
+    assembly = next(iter(comparison.records.values())).result.assembly
+    shown = {output.shown.text for output in own.outputs.values()}
+    free, values = dict(own.free), {}
+    for name in own.free:
+        if name in before.free:
+            continue
+        path, _, position = name.removeprefix(INITIAL).rpartition(".")
+        domain = assembly.flat.domains.get(path)
+        if domain is None or position not in domain.positions:
+            continue
+        state = f"{path}.{domain.rate(position)}"
+        if state in assembly.state_names and state not in shown and f"{INITIAL}{state}" not in free:
+            output = next(n for n, o in own.outputs.items() if o.shown.text == f"{path}.{position}")
+            scale = read_unit(own.outputs[output].shown.unit).scale
+            channels = [record.channels[output] for record in comparison.records.values()]
+            begins = [float(record.result[state][0]) for record in comparison.records.values()]
+            most = max(float(np.max(np.abs(np.diff(c.measured) / np.diff(c.time)))) for c in channels) * scale
+            unit = read_unit(assembly.flat.unknowns[assembly.flat.names[state]].unit.text)
+            free[f"{INITIAL}{state}"] = Free(f"{INITIAL}{state}", Range(min(-most, *begins), max(most, *begins), unit),
+                                             own.free[name].place, each=True)
+            values[f"{INITIAL}{state}"] = begins[0]
+    return replace(own, model=own.model.with_parameters(values), free=free) if values else None
+
+
+def own_starts(experiment: Experiment, before: LadderEntry, seconds: float, say: Progress) -> Fit | None:
+    """The fit (of at most so many `seconds`) of all that is free with a start of its own for each record, where one begins
+    elsewhere than the model of the entry `before`; None where none does, and where the sum of squares of what was fitted
+    falls by no more than chance would have it. The noise alone is the yardstick: that a state begins elsewhere is measured,
+    and beside an effect that is missing the start may hardly be seen."""
+    own = _with_own_starts(experiment, before.comparison)
+    best, chi2, free = None, before.chi2_fit, experiment.free
+    ends = clock.monotonic() + seconds
+    while own is not None and (left := ends - clock.monotonic()) > 0:
+        found = fit(own, progress=lambda text: say(f"fitting the start of each record: {text}"), partial=True, seconds=left)
+        added = sum(p.name not in free for p in found.parameters)
+        if (chi2 - found.chi2) * found.samples <= EARNED * added:
+            break
+        own = _with_velocities(own, experiment, before.comparison) if best is None else None
+        best, chi2, free = found, found.chi2, found.experiment.free
+    return best
+
+
+def _as_a_sensor(channels: Sequence[Channel]) -> bool:
+    """Whether one offset or one gain of the sensor explains how all records begin, as it always does where there is but one
+    record. What they show at their first instants cannot tell it from other starts then."""
+    shifts = [float(c.measured[0] - c.model[0]) for c in channels]
+    noise = ELSEWHERE * max(max(c.noise, c.step) for c in channels)
+    largest, starts = max(((abs(float(c.model[0])), k) for k, c in enumerate(channels)), default=(0.0, 0))
+    gain = shifts[starts] / float(channels[starts].model[0]) if largest else 0.0
+    rest = [shift - gain * float(c.model[0]) for shift, c in zip(shifts, channels, strict=True)]
+    return max(shifts) - min(shifts) <= noise or (largest > 0 and max(map(abs, rest)) <= noise)
+
+
+def _begins(channel: Channel, value: float) -> bool:
+    """Whether the model of a channel begins at a value, in the channel's unit, but for noise."""
+    return abs(float(channel.model[0]) - value) <= ELSEWHERE * max(channel.noise, channel.step)
+
+
+def started_entry(fitted: Fit) -> LadderEntry:
+    """The entry of the ladder of a fit with starts of each record."""
+    return ladder_entry(f"{fitted.experiment.model.name}, start of each record fitted", fitted.after)
+
+
+def own_start_words(before: Experiment, base: Fit | None, fitted: Fit | None) -> list[str]:
+    """Where each record begins by the last fit, and what to write in the experiment; `base` is that without effects."""
+    if base is None or fitted is None:
+        return []
+    diagrams = {p.name: p.before for p in base.parameters}
+    lines, told = [], set[str]()
+    for name, free in fitted.experiment.free.items():
+        if name in before.free or not name.startswith(INITIAL):
+            continue
+        state, unit = name.removeprefix(INITIAL), free.range.unit
+        output = next((n for n, o in fitted.experiment.outputs.items() if o.shown.text == state), None)
+        if output is None:  # the velocity of a position
+            if state.rpartition(".")[0] not in told:
+                continue
+            begins = {p.record: float(unit.from_si(p.value)) for p in fitted.parameters if p.name == name}
+            begins |= {record: float(unit.from_si(own.values[name])) for record, own in fitted.held_out.items()
+                       if name in own.values}
+        else:
+            channels = {record.name: record.channels[output] for record in fitted.after.records.values()}
+            diagram = float(unit.from_si(diagrams[name]))
+            if all(_begins(c, diagram) for c in channels.values()):
+                continue  # beside what was found they begin there
+            begins = {record: float(c.model[0]) for record, c in channels.items()}
+            told.add(state.rpartition(".")[0])
+        said = listing(f"{readable(value, unit.text, 3)} in {record}" for record, value in begins.items())
+        lines.append(f"The records do not begin where the diagram does: {state} begins at {said}. What is said here is "
+                     f"beside these starts; to keep them, write `{name}: {free_text(free)}` under `free:`"
+                     + (f", and `initial: {{{state}: 0 {unit.text}}}` in the diagram"
+                        if state not in before.model.initial.conditions else "") + ".")
+    return lines
+
+
+def free_text(free: Free) -> str:
+    """A start of each record as it is written under `free:`, its range rounded outwards to two digits of the larger end."""
+    unit = free.range.unit
+    low, high = (float(unit.from_si(end)) for end in (free.range.low, free.range.high))
+    step = 10.0 ** (math.floor(math.log10(max(abs(low), abs(high)))) - 1)
+    low, high = math.floor(low / step) * step, math.ceil(high / step) * step
+    return f"{{range: {number(low)} .. {number(high)} {unit.text}, each: record}}"

@@ -1,0 +1,494 @@
+"""One rung of the ladder from a misfit to what is missing.
+
+Fit what is free; ask whether more than noise is left; score every candidate of the catalogue; refit those that can matter;
+take the one that leaves least on held-out data, if it earns its place there.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from heavebond.core.cancellation import clear_signal
+from heavebond.core.errors import SimulationError
+from heavebond.core.progress import Progress
+from heavebond.diagnosis.candidates.catalogue import Candidate, single_candidates
+from heavebond.diagnosis.candidates.fixed_values import fixed_values, is_calibration_error
+from heavebond.diagnosis.candidates.places import Places, candidates
+from heavebond.diagnosis.decision import DECISION
+from heavebond.diagnosis.evidence.comparison import (
+    ALL,
+    STRONG,
+    Identity,
+    compared,
+    equivalent_values,
+    leaves_noise,
+    likelihood,
+    loss,
+)
+from heavebond.diagnosis.evidence.prediction import SELECTION, TEST, PredictiveErrors, predictive_errors
+from heavebond.diagnosis.evidence.residual_tests import ResidualTests, is_above_noise, is_noise, leftover
+from heavebond.diagnosis.search.base_model import TIMES, Base, finer, searched
+from heavebond.diagnosis.search.refit import Refit, bic, refitted_from
+from heavebond.diagnosis.search.schedule import RefitSchedule, beyond_their_members, planned
+from heavebond.diagnosis.search.scoring import Score
+from heavebond.diagnosis.search.workers import Workers
+from heavebond.equations.places import nodes_of
+from heavebond.estimation.experiment import Experiment
+from heavebond.estimation.residuals import Residuals
+from heavebond.language.library import same_class
+from heavebond.numerics.dae import Array
+
+UNKNOWN = "unknown law"  # the class of identified curves: a shape, no name
+CLOSELY = 6  # trials at most are followed to the very end before they are compared,
+CLOSE = 0.05  # those within this share of the logarithm of chi-square of the best
+AS_ONE = 1e-6  # nodes move as one that differ by less than this share of the largest value
+CALIBRATED = 3  # calibration errors that are refitted beside a law, those with the largest scores
+STEADY = 0.01  # what varies by less than this share of its size is steady
+SECONDS = 600.0  # of refits, after which none is begun
+# A candidate earns its place where chi-square on held-out data falls by this, in units of what is left: normal
+# deviations of some 3 squared would come by chance once in a thousand tries.
+EARNED = 12.0
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One rung: the experiment that was diagnosed, its best fit of what was free (chi-square per sample on what was and was
+    not fitted), the tests on what that leaves, all scores and refits, best first, what was chosen, and those that the
+    records cannot tell from it (the chosen one first). `partial`: not all that was planned was refitted; `lost` are the
+    candidates whose process died, `broken` the labels of those with which the diagram cannot be simulated; `acts_as` are the
+    numbers of the diagram of which candidates are another value, by their labels. `errors` are the predictive errors without
+    any candidate, `identity` the comparison of the candidates with the chosen one. `planned` is the number of candidates
+    that were to be scored, `as_one` are the nodes that move as one in the base model, each with the first of them."""
+
+    experiment: Experiment
+    values: dict[str, float]
+    cost: float
+    samples: int
+    chi2_fit: float
+    chi2_held_out: float
+    samples_held_out: int
+    at_end: tuple[str, ...]
+    left: ResidualTests
+    scores: tuple[Score, ...]
+    trials: tuple[Refit, ...]
+    chosen: Refit | None
+    cluster: tuple[Refit, ...]
+    twins: dict[str, tuple[str, ...]]
+    unseen: tuple[Candidate, ...]
+    partial: bool
+    seconds: float
+    lost: tuple[str, ...] = ()
+    errors: PredictiveErrors | None = None
+    identity: Identity | None = None
+    acts_as: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    broken: tuple[str, ...] = ()
+    planned: int = 0
+    as_one: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def bic(self) -> float:
+        """The information criterion of the model without any of the candidates."""
+        return bic(self.cost, self.samples, len(self.values))
+
+    @cached_property
+    def places(self) -> Places:
+        """The places of its diagram."""
+        return Places.of(self.experiment, self.as_one)
+
+    @property
+    def shown_held_out(self) -> bool:
+        """Whether the model without any of the candidates leaves more than noise on what was not fitted: otherwise nothing
+        can leave less there, and only the cross-validated errors of what was fitted tell."""
+        return is_above_noise(self.chi2_held_out, self.samples_held_out)
+
+    @property
+    def merit(self) -> float:
+        """That of the model without any of the candidates; see `merit`."""
+        return _merit(self.cost, self.samples, len(self.values), self.errors)
+
+
+def make_stage(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS, classes: Sequence[str] = (),
+               progress: Progress | None = None, thorough: bool = True) -> Stage:
+    """One rung of the ladder. `classes` narrows the catalogue to candidates of these classes. A `thorough` search refits all
+    others too where none of those with the largest scores comes near the noise."""
+    found = [c for c in candidates(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
+    return _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough)
+
+
+def make_curve_stage(experiment: Experiment, *, beside: Candidate | None = None, number: int | None = None,
+                     seconds: float = SECONDS, progress: Progress | None = None) -> Stage:
+    """A rung with identified curves only: effects without a name, at single places and, of several places at once, at those
+    of the effect `beside`."""
+    found = [c for c in candidates(experiment) if c.kind == UNKNOWN
+             and (not c.members or (beside is not None and set(c.where) == set(beside.where)))]
+    return _step(experiment, found, number, seconds, progress or (lambda text: None))
+
+
+def make_calibration_stage(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS,
+                           classes: Sequence[str] = (), progress: Progress | None = None) -> Stage:
+    """A rung with calibration errors only: offsets and gains of inputs and channels. Only what the best of them leaves is
+    wanted, so that it alone is followed to the end of its valley."""
+    found = [c for c in single_candidates(experiment) if is_calibration_error(c, experiment)
+             and (not classes or c.kind in classes)]
+    return _step(experiment, found, number, seconds, progress or (lambda text: None), most=CALIBRATED)
+
+
+def make_value_stage(experiment: Experiment, *, beside: Refit | None = None, number: int | None = None,
+                     seconds: float = SECONDS,
+                     progress: Progress | None = None) -> Stage:
+    """A rung with other values of what the diagram holds fixed, in place of effects; `beside` what was found with these,
+    which it ranks among them: a value that soon is seen to leave more is not followed."""
+    return _step(experiment, fixed_values(experiment), number, seconds, progress or (lambda text: None), beside=beside)
+
+
+def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> Stage:
+    """A rung with one candidate, chosen by hand: it is refitted whatever its score."""
+    return _step(experiment, [candidate], 1, SECONDS, progress, always=True)
+
+
+def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None, seconds: float, say: Progress,
+          always: bool = False, thorough: bool = False, beside: Refit | None = None, most: int | None = None) -> Stage:
+    began = clock.perf_counter()
+    say("fitting what is free")
+    base = fitted_base(experiment)
+    errors = predictive_errors(base.problem, base.inner, base.exact, base.r)
+    courses = _courses(base)
+    as_one = _as_one(courses)
+    found = [c for c in found if always or _says_more(c, base, courses)]
+    scores: list[Score] = []
+    acts_as: dict[str, tuple[str, ...]] = {}
+    partial, scored_all, twins = False, False, dict[str, tuple[str, ...]]()
+    with Workers(base, number) as workers:
+        refits = RefitSchedule(workers, say, {beside.candidate.label: beside} if beside is not None else {})
+        try:
+            for k, (candidate, got) in enumerate(workers.score(found), 1):
+                say(f"scoring {k} of {len(found)}: {candidate.label}")
+                scores += got
+            scored_all = True
+            # in the order of the catalogue, whichever process was done first
+            place = {c.label: k for k, c in enumerate(found)}
+            scores.sort(key=lambda s: place[s.candidate.label])
+            scores = beyond_their_members(scores)
+            left = leftover(base, scores)
+            if left.significant or always:
+                acts_as = {} if beside is not None or most is not None else equivalent_values(base, scores)
+                leading, rest, twins = planned(scores, as_one)
+                leading = leading[:most]
+                partial = not refits.make(leading, rest if thorough else [], clock.perf_counter() + seconds)
+                say("comparing the best closely")
+                refits.trials |= _polished(workers, list(refits.trials.values()), {c.label: g for c, g in (*leading, *rest)},
+                                           CLOSELY if most is None else 1)
+                if most is None:
+                    apart = _told_apart_held_out(workers, list(refits.trials.values()), twins, scores)
+                    refits.trials |= apart
+                    same = {label: tuple(other for other in group if other not in apart) for label, group in twins.items()}
+                    twins = {label: group for label, group in same.items() if group}
+        except KeyboardInterrupt:
+            clear_signal()
+            partial, left, twins = True, leftover(base, scores), {}
+    trials = list(refits.trials.values())
+    made = _judged(base, errors, left, scores, trials, twins, partial, clock.perf_counter() - began, as_one)
+    known = {s.candidate.label for s in scores}
+    broken = tuple(c.label for c in found if c.label not in known and c.label not in workers.lost) if scored_all else ()
+    return replace(made, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as, planned=len(found), broken=broken)
+
+
+def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]], most: int
+              ) -> dict[str, Refit]:
+    """The trials of candidates that were scored here and are near the best, at most so many, followed to the end of their
+    valleys: near on all samples or on those that were fitted, as one that has not arrived may miss the others by much."""
+    order = sorted(trials, key=merit)
+    if not order:
+        return {}
+    margin = STRONG + CLOSE * (order[0].samples + order[0].samples_held_out)
+    lowest = min(t.bic for t in order)
+    near = [t for t in order if t.candidate.label in guesses
+            and (merit(t) - merit(order[0]) < margin or t.bic - lowest < margin)][:most]
+    better = {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label], None) for t in near])}
+    lent = [(t, guesses[t.candidate.label], lender) for t in better.values() if (lender := _lender(t, better.values()))]
+    return better | {c.label: t for c, t in workers.polish(lent)}
+
+
+def _told_apart_held_out(workers: Workers, trials: Sequence[Refit], twins: Mapping[str, tuple[str, ...]],
+                         scores: Sequence[Score]) -> dict[str, Refit]:
+    """Refits of candidates that count as the same as one near the best, where data that were not fitted tell them apart: the
+    tangents compare on the fitted samples alone, where dry friction of what turns one way is a constant torque."""
+    lowest = min((t.bic for t in trials), default=0.0)
+    best = [t for t in trials if t.bic - lowest < STRONG + CLOSE * t.samples]
+    near = {label: t for t in best for label in twins.get(t.candidate.label, ())}
+    guesses: dict[str, list[Score]] = {}
+    for score in scores:
+        if score.told_apart and score.candidate.label in near:
+            guesses.setdefault(score.candidate.label, []).append(score)
+    first = [t for _, t in workers.begin([(group[0].candidate, group) for group in guesses.values()]) if t is not None]
+    found = [t for _, t in workers.follow([(t, guesses[t.candidate.label]) for t in first])
+             if _differ_held_out(t, near[t.candidate.label])]
+    return {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label], None) for t in found])}
+
+
+def _differ_held_out(one: Refit, other: Refit) -> bool:
+    """Whether two refits leave more than by chance one beside the other on what was not fitted."""
+    a, b, samples = one.chi2_held_out, other.chi2_held_out, one.samples_held_out
+    return samples > 0 and max(fallen(a, b, samples), fallen(b, a, samples)) > EARNED
+
+
+def _lender(trial: Refit, others: Iterable[Refit]) -> Refit | None:
+    """The best fitting law at the same place that fits better: what it found may do for this one too, as a law that holds
+    it as a special case should never leave less by ending in another valley."""
+    there = [t for t in others if set(t.candidate.where) == set(trial.candidate.where) and t.cost < trial.cost]
+    return min(there, key=lambda t: t.cost, default=None)
+
+
+def refitted_beside(made: Stage, known: Sequence[Refit], exact: Refit) -> Stage:
+    """The step with candidates refitted once more from what is `known` of them in a diagram without the other effects: a law
+    has several valleys, and the one that was found there is the best to begin from. `exact` is the refit of a candidate in
+    this very diagram. Each takes the place of one that leaves more."""
+    there = {s.candidate.label: s for s in made.scores}
+    twins = {label for group in made.twins.values() for label in group}  # the same machine as one that was refitted
+    lent = [(there[t.candidate.label], t) for t in known if t.candidate.label in {*there} - twins]
+    found = [exact]
+    if lent:
+        base = fitted_base(made.experiment)
+        refits = [(score, refitted_from(base, score.candidate, lender)) for score, lender in lent]
+        found += [replace(trial, score=score.gain) for score, trial in refits if trial is not None]
+    trials = {t.candidate.label: t for t in made.trials}
+    for trial in found:
+        if trial.candidate.label not in trials or trial.cost < trials[trial.candidate.label].cost:
+            trials[trial.candidate.label] = trial
+    made = replace(made, trials=tuple(sorted(trials.values(), key=merit)), chosen=None, cluster=(), identity=None)
+    earned = _earned(made)
+    return choosing(made, _leader(made, earned)) if earned else made
+
+
+def fitted_base(experiment: Experiment) -> Base:
+    """The experiment with what is free fitted, from the diagram's values, with runs that err by little beside the noise."""
+    problem = searched(experiment)
+    base = _fitted(problem, problem.start)
+    for _ in range(TIMES):
+        if not base.rough:
+            break
+        try:
+            base = _fitted(finer(base.problem), base.inner)
+        except SimulationError:
+            break  # finer than the integrator can: beside a record far above its noise that is fine enough
+    return base
+
+
+def _fitted(problem: Residuals, inner: Array) -> Base:
+    if len(inner):
+        inner = problem.minimise(inner, False, lambda text: None, tolerance=1e-6, settle=True).x
+    return Base.at(problem, inner)
+
+
+def _courses(base: Base) -> dict[str, tuple[str, Array]]:
+    """Each node of the base model with its domain and the course of its across variable on the fitted records."""
+    runs = [base.exact[run.record.name] for run in base.problem.runs]
+    results = [run.simulator.run(base.problem.values_of(base.inner, run.record.name)) for run in runs]
+    return {node.name: (node.domain.name, np.concatenate([result.si[f"{node.name}.{node.across}"] for result in results]))
+            for node in nodes_of(runs[0].assembly.flat).values()}
+
+
+def _as_one(courses: Mapping[str, tuple[str, Array]]) -> dict[str, str]:
+    """Nodes that move as one in the base model (what a lossless rope or lever joins), each with the first of them."""
+    found: dict[str, str] = {}
+    for name, (domain, course) in courses.items():
+        near = AS_ONE * max(float(np.abs(course).max()), 1e-300)
+        found[name] = next((first for first in found.values() if courses[first][0] == domain
+                            and np.abs(course - courses[first][1]).max() < near), name)
+    return found
+
+
+def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str, Array]]) -> bool:
+    """Whether what a law depends on besides its own motion changes at all: a seal that is pressed by a steady pressure has
+    dry friction, which the catalogue has without the pressure."""
+    effect = base.problem.experiment.model.library.component(candidate.component).effect
+    if effect is None or not effect.also:
+        return True
+    others = [courses[node][1] for node in candidate.change.nodes if node not in candidate.where and node in courses]
+    return all(float(np.ptp(course)) > STEADY * float(np.abs(course).max()) for course in others)
+
+
+def _judged(base: Base, errors: PredictiveErrors, left: ResidualTests, scores: Sequence[Score], trials: Sequence[Refit],
+            twins: dict[str, tuple[str, ...]], partial: bool, seconds: float, as_one: Mapping[str, str]) -> Stage:
+    problem = base.problem
+    ended = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(base.inner), strict=True) if end)
+    made = Stage(
+        problem.experiment, problem.values_of(base.inner, problem.runs[0].record.name), base.cost, len(base.r),
+        float(base.r @ base.r) / len(base.r), errors.mean(SELECTION, TEST), errors.samples(SELECTION, TEST), ended, left,
+        tuple(_best_of_each(scores)), tuple(sorted(trials, key=merit)), None, (), twins, tuple(_unseen(scores)), partial,
+        seconds, errors=errors, as_one=as_one)
+    earned = _earned(made)
+    return choosing(made, _leader(made, earned)) if earned else made
+
+
+def _leader(made: Stage, earned: Sequence[Refit]) -> Refit:
+    """The best on the data that select, among those that the test data do not exclude either: the first that is compared
+    as well as the one with the largest likelihood on all records, and that takes away a noticeable part where any of these
+    does. Where it leaves no more than noise, an effect that a part of the diagram has already, as a number that is absent,
+    goes before one that needs a further part."""
+    best = min(earned, key=likelihood)
+    assert made.errors is not None
+    members = compared(best, earned, made.errors).members
+    first = min([t for t in members if is_noticeable(made, t)] or members, key=merit)
+    own = [t for t in members if t.candidate.attaches == "in" and t.unknowns <= first.unknowns and leaves_noise(t)]
+    return min(own, key=merit) if own and leaves_noise(first) else first
+
+
+def is_noticeable(made: Stage, trial: Refit) -> bool:
+    """Whether a trial takes away a noticeable part of what is left above the noise: on held-out data where these hold more
+    than noise, else on all samples, each predicted by parameters that were not fitted to it."""
+    assert made.errors is not None
+    before, after = made.errors.mean(*ALL), loss(trial)
+    if made.shown_held_out:
+        before, after = made.chi2_held_out, trial.chi2_held_out
+    return (before - after) / max(before - 1.0, 1e-9) > DECISION.further
+
+
+def choosing(made: Stage, trial: Refit) -> Stage:
+    """The step with one of its trials chosen, and what the records cannot tell from it."""
+    assert made.errors is not None
+    earned = _earned(made)
+    found = compared(trial, [trial, *(t for t in earned if t is not trial)], made.errors)
+    near = [t for t in earned if any(t is m for m in found.members) or _as_good(t, trial)]
+    others = (trial, *near)
+    others = (*others, *twins_of(others, made))
+    close = [t for t in near if t is not trial and not refines(t, others)]
+    return replace(made, chosen=trial, identity=found,
+                   cluster=(trial, *close, *twins_of([trial, *close], made)))
+
+
+def _as_good(trial: Refit, best: Refit) -> bool:
+    """Whether the same law at another place fits as well and leaves noise too: what it then leaves more on other records
+    comes of numbers that the fit leaves open (play on the one or the other side of a cylinder)."""
+    return trial.candidate.component == best.candidate.component and trial.experiment.noise_given \
+        and trial.cost - best.cost < EARNED and is_noise(trial.chi2_fit, trial.chi2_held_out, trial.samples_held_out)
+
+
+def refines(trial: Refit, laws: Iterable[Refit]) -> bool:
+    """Whether a law only refines one of these at the same place, but for chance."""
+    return any(_needless(trial, simpler) for simpler in laws)
+
+
+def _needless(trial: Refit, simpler: Refit) -> bool:
+    """Whether this law refines a simpler one at the same place that leaves no more, but for chance: where both are of one
+    class and it has more numbers, and where an amplitude of it is not shown (play whose gap has closed in the fit is the
+    compliance beside it, however many numbers shape that). A law of another class whose amplitudes are shown is another
+    explanation, however many numbers it has. That no law is exact is no excuse for one that could bend further."""
+    more = trial.unknowns > simpler.unknowns
+    refines = (more and same_class(trial.candidate.kind, simpler.candidate.kind)) \
+        or (bool(trial.unshown) and (more or not simpler.unshown))
+    return refines and set(trial.candidate.where) == set(simpler.candidate.where) and _leaves_no_more(simpler, trial)
+
+
+def _leaves_no_more(trial: Refit, other: Refit) -> bool:
+    """Whether a refit leaves no more than another one, but for chance, where it was fitted and where it was not."""
+    return (trial.cost - other.cost) / max(1.0, other.chi2_fit) < EARNED \
+        and not fallen(trial.chi2_held_out, other.chi2_held_out, other.samples_held_out) > EARNED  # (NaN: none held out)
+
+
+def leaders(made: Stage, most: int, simplest: bool = False) -> list[Stage]:
+    """The step with each of the best trials chosen that earn their place, one of each class at each place; the leader
+    first, without those that the test data exclude beside it. `simplest`: besides, of each of these classes and places, the
+    law with the fewest numbers."""
+    earned = _earned(made)
+    if not earned:
+        return []
+    first = _leader(made, earned)
+    families: dict[object, list[Refit]] = {}
+    for trial in [first, *(t for t in earned if merit(t) > merit(first))]:
+        families.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), []).append(trial)
+    found = list(families.values())[:most]
+    chosen = [family[0] for family in found]
+    if simplest:
+        least = [min(family, key=lambda t: (t.unknowns, merit(t))) for family in found]
+        chosen += [t for t in least if not any(t is other for other in chosen)]
+    return [choosing(made, trial) for trial in chosen]
+
+
+def simpler_law(made: Stage, trial: Refit) -> Refit | None:
+    """Of the trials of a step the best that earns its place, leaves no more than another one but for chance and has the
+    smaller merit, with fewer numbers, or as a law of the same class at the same place that this one refines."""
+    found = [t for t in _earned(made) if merit(t) < merit(trial) and (
+        (t.unknowns < trial.unknowns and _leaves_no_more(t, trial))
+        or (t.candidate.kind == trial.candidate.kind and _needless(trial, t)))]
+    return min(found, key=merit, default=None)
+
+
+def twins_of(close: Sequence[Refit], made: Stage) -> list[Refit]:
+    """Candidates of another class, or at another place, that are the same machine as one that was refitted. (`leakage`
+    between the chambers is `internal leakage` of the piston; a delay of an input and of the only channel may act alike.)"""
+    by_label = {s.candidate.label: s.candidate for s in made.scores}
+    pairs = [(trial, by_label[label]) for trial in close for label in made.twins.get(trial.candidate.label, ())]
+    return [replace(trial, candidate=twin) for trial, twin in pairs if not same_class(trial.candidate.kind, twin.kind)
+            or made.places.place(trial.candidate) != made.places.place(twin)]
+
+
+def _best_of_each(scores: Sequence[Score]) -> list[Score]:
+    best: dict[str, Score] = {}
+    for score in sorted(scores, key=lambda s: -s.gain):
+        best.setdefault(score.candidate.label, score)
+    return list(best.values())
+
+
+def _unseen(scores: Sequence[Score]) -> list[Candidate]:
+    """Candidates that the records cannot see apart from what is free already, at no choice of their shapes."""
+    told = {s.candidate.label for s in scores if s.told_apart}
+    return [s.candidate for s in _best_of_each(scores) if s.candidate.label not in told]
+
+
+def merit(trial: Refit) -> float:
+    """What ranks the refits: BIC of the fitted samples and n ln(chi-square) of the selection data; smaller is better. The
+    test data have no part in it."""
+    return _merit(trial.cost, trial.samples, trial.unknowns, trial.errors)
+
+
+def _merit(cost: float, samples: int, unknowns: int, errors: PredictiveErrors | None) -> float:
+    others = errors.samples(SELECTION) if errors is not None else 0
+    chi2 = errors.mean(SELECTION) if errors is not None and others else 1.0
+    return bic(cost, samples, unknowns) + others * float(np.log(max(chi2, 1e-300)))
+
+
+def _earned(made: Stage) -> list[Refit]:
+    """The trials whose merit, and chi-square on the selection data where they hold more than noise, both fall by more than
+    chance allows, best first."""
+    assert made.errors is not None
+    before, samples = made.errors.mean(SELECTION), made.errors.samples(SELECTION)
+    return [t for t in made.trials if merit(t) < made.merit - EARNED and t.errors is not None
+            and (not is_above_noise(before, samples) or fallen(before, t.errors.mean(SELECTION), samples) > EARNED)
+            and not _worse(made, t)]
+
+
+def _worse(made: Stage, trial: Refit) -> bool:
+    """Whether a refit leaves more than the model without it on all that was not fitted; where that leaves no more than
+    noise, whether the refit leaves more than noise."""
+    if made.shown_held_out:
+        return not trial.chi2_held_out < made.chi2_held_out
+    return is_above_noise(trial.chi2_held_out, trial.samples_held_out)
+
+
+def fallen(before: float, after: float, samples: int) -> float:
+    """How far chi-square of so many samples has fallen, from `before` to `after` per sample, in units of what is left."""
+    return (before - after) * samples / max(1.0, after)
+
+
+def following(before: Stage) -> Experiment:
+    """The experiment with the chosen effect in its diagram, everything at its fitted values and free as it was sought."""
+    assert before.chosen is not None
+    return at_values_of(before.chosen, before.chosen.experiment)
+
+
+def at_values_of(trial: Refit, experiment: Experiment) -> Experiment:
+    """The experiment with what is free in it at the values of a refit, of this diagram or of one with an effect more."""
+    values = {n: v for n, v in trial.values.items() if n in experiment.free}
+    return replace(experiment, model=experiment.model.with_parameters(values))
+
+
+def worth_it(step: Stage) -> bool:
+    """Whether the effect of a step takes away a noticeable part of what is left."""
+    assert step.chosen is not None
+    return is_noticeable(step, step.chosen)

@@ -1,0 +1,214 @@
+"""What a diagnosis reports: models on the ladder of a falling error, and the effects that were added on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from heavebond.core.errors import Problem, UsageError
+from heavebond.core.presentation import readable_difference
+from heavebond.core.progress import Progress
+from heavebond.core.reporting import place, reporting
+from heavebond.diagnosis.candidates.catalogue import Candidate
+from heavebond.diagnosis.search.refit import Refit
+from heavebond.estimation.comparison import Channel, Comparison, RecordComparison, compare
+from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_experiment
+from heavebond.estimation.fitting import Fit, Fitted
+from heavebond.estimation.residuals import AT_END
+from heavebond.language.definition import Component
+from heavebond.numerics.dae import Array
+from heavebond.numerics.result import Probe
+
+
+@dataclass(frozen=True)
+class LadderEntry:
+    """One model on the ladder: its errors (root mean square over that of the measured about its mean) and chi-square per
+    sample on the fitted samples and on those held out."""
+
+    name: str
+    error_fit: float
+    error_held_out: float
+    chi2_fit: float
+    chi2_held_out: float
+    comparison: Comparison
+
+    @property
+    def samples_held_out(self) -> int:
+        """How many samples were not fitted."""
+        return sum(int(c.counts.sum()) for p in self.comparison.parts if p.use != "fit" for c in p.channels.values())
+
+    def as_dict(self) -> dict[str, object]:
+        """The figures, for machines."""
+        return {"name": self.name, "error_fit": self.error_fit, "error_held_out": self.error_held_out,
+                "chi2_fit": self.chi2_fit, "chi2_held_out": self.chi2_held_out}
+
+
+@dataclass(frozen=True)
+class ChannelError:
+    """What a model misses in a channel: the rms error and the noise, both in the channel's unit."""
+
+    channel: str
+    unit: str
+    error: float
+    noise: float
+
+    @property
+    def words(self) -> str:
+        """`9549 Pa`."""
+        return readable_difference(self.error, self.unit, 3)
+
+
+@dataclass(frozen=True)
+class AddedEffect:
+    """An effect that was added: the candidate, the numbers that it was fitted with, the model with it, and what the
+    records cannot tell from it."""
+
+    candidate: Candidate
+    parameters: tuple[Fitted, ...]
+    rung: LadderEntry
+    fit: Fit
+    alternatives: tuple[Refit, ...]
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The classes that it may be of, the likeliest first."""
+        return tuple(dict.fromkeys(t.candidate.kind for t in self.alternatives))
+
+    @property
+    def certain(self) -> bool:
+        """Whether all that cannot be told from it are of one class at one place."""
+        return len(self.kinds) == 1 and len({frozenset(t.candidate.where) for t in self.alternatives}) == 1
+
+    @property
+    def beyond(self) -> tuple[str, ...]:
+        """Its numbers that stand at an end of the range in which they were sought, where the error would fall beyond."""
+        return self.alternatives[0].beyond if self.alternatives else ()
+
+    @property
+    def at_limits(self) -> tuple[Fitted, ...]:
+        """Its numbers that stand at a limit of the parameter itself (a friction of 0), which is a value like any other,
+        with that limit as their value: the search approaches it to rounding."""
+        limits = {n.name: n.limits for n in self.candidate.numbers}
+        return tuple(replace(p, value=limit) for p in self.parameters if p.ended for limit in limits.get(p.name, ())
+                     if limit is not None and abs(p.value - limit) <= AT_END * (p.high - p.low))
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Its amplitudes, where the records determine none of them: each interval covers its whole range."""
+        amplitudes = {n.name for n in self.candidate.numbers if n.amplitude}
+        own = [p for p in self.parameters if p.name in amplitudes]
+        unknown = [p.name for p in own if p.told == (None, None)]
+        return tuple(unknown) if len(unknown) == len(own) else ()
+
+    def as_dict(self) -> dict[str, object]:
+        """The figures, for machines."""
+        return {**self.candidate.as_dict(), "part": self.candidate.name,
+                "parameters": {p.name: p.as_dict() for p in self.parameters},
+                "error_fit": self.rung.error_fit, "error_held_out": self.rung.error_held_out,
+                "chi2_fit": self.rung.chi2_fit, "chi2_held_out": self.rung.chi2_held_out,
+                "one_of": [t.candidate.as_dict() for t in self.alternatives]}
+
+
+def ladder_entry(name: str, comparison: Comparison) -> LadderEntry:
+    """A model on the ladder, from its comparison with every record."""
+    fitted = [p for p in comparison.parts if p.use == "fit"]
+    checked = [p for p in comparison.parts if p.use != "fit"]
+    return LadderEntry(name, _error(fitted), _error(checked), _chi2(fitted), _chi2(checked), comparison)
+
+
+def channel_errors(rung: LadderEntry) -> list[ChannelError]:
+    """What a model misses in each channel where nothing was fitted (where nothing was held out: where it was), all records
+    together."""
+    parts = [p for p in rung.comparison.parts if p.use != "fit"] or list(rung.comparison.parts)
+    found: dict[str, list[Channel]] = {}
+    for part in parts:
+        for name, channel in part.channels.items():
+            found.setdefault(name, []).append(channel)
+    return [ChannelError(name, channels[0].unit, *(
+        float(np.sqrt(np.average([v**2 for v in values], weights=[c.counts.sum() for c in channels])))
+        for values in ([c.error for c in channels], [c.noise for c in channels]))) for name, channels in found.items()]
+
+
+def with_limits(candidate: Candidate, fit: Fit) -> Fit:
+    """The fit with those numbers of an effect marked that are limits (sought where a variable of the part moves) and that
+    the variable does not reach on the fitted records: beyond its largest or smallest value there, with nothing that bounds
+    them on that side."""
+    limits = {n.name: n.follows for n in candidate.numbers if n.follows and n.sought is not None and not n.sought.held}
+    runs = [record.result for record in fit.after.records.values() if record.use == "fit"]
+    return replace(fit, parameters=tuple(
+        _limited(p, np.hstack([Probe(run.assembly, [limits[p.name]], si=True).values(run)[0] for run in runs]))
+        if p.name in limits else p for p in fit.parameters))
+
+
+def _limited(p: Fitted, course: Array) -> Fitted:
+    low, high = p.told
+    least, most = float(course.min()), float(course.max())
+    reach = most if p.value >= most and high is None else least if p.value <= least and low is None else None
+    return replace(p, unreached=reach)
+
+
+def parameter_description(fit: Fit, name: str) -> str:
+    """What the component says that a fitted parameter is; empty for an initial value or where it says nothing."""
+    path, _, own = name.rpartition(".")
+    if not path:
+        return "parameter of the diagram"
+    component = _component(fit, path)
+    declared = component.parameters.get(own) if component is not None else None
+    return declared.doc if declared is not None else ""
+
+
+def restrictions(finding: AddedEffect) -> str:
+    """For what the law of a finding holds, in the words of its component; empty where that says nothing."""
+    candidate = finding.candidate
+    component = _component(finding.fit, candidate.where[0] if candidate.attaches == "in" else candidate.name)
+    return component.restrictions if component is not None else ""
+
+
+def _component(fit: Fit, path: str) -> Component | None:
+    """The component at a path of the fitted diagram."""
+    leaves = next(iter(fit.after.records.values())).result.assembly.flat.expanded.leaves
+    return leaves[path].component if path in leaves else None
+
+
+def _error(parts: Sequence[RecordComparison]) -> float:
+    found = [p.normalised**2 for p in parts if math.isfinite(p.normalised)]
+    return math.sqrt(np.mean(found)) if found else math.nan
+
+
+def _chi2(parts: Sequence[RecordComparison]) -> float:
+    """Of all samples together."""
+    counts = [int(c.counts.sum()) for p in parts for c in p.channels.values()]
+    values = [c.chi2 for p in parts for c in p.channels.values()]
+    return float(np.average(values, weights=counts)) if values else math.nan
+
+
+@reporting
+def ladder(experiments: Sequence[ExperimentOrFile], *, progress: Progress | None = None) -> list[LadderEntry]:
+    """Compare several models with the same records: the errors of `experiments` in the order given.
+
+    An error is the rms of the residual over that of the record about its mean, without unit. Each model has the values
+    of its diagram. `progress` is called with the name of each experiment. Raises UsageError where records or channels
+    differ, and whatever `compare` raises.
+    """
+    found = [load_experiment(e) for e in experiments]
+    for other in found[1:]:
+        if _measured(other) != _measured(found[0]):
+            raise UsageError([Problem("ladder-records", f"{other.path.name} and {found[0].path.name} have different records "
+                                      "or channels, so their errors cannot be compared", None,
+                                      "Let the later experiments `extends:` the first one.")])
+    rungs = []
+    for k, experiment in enumerate(found):
+        if progress:
+            place(progress, k, len(found))
+            progress(experiment.path.name)
+        rungs.append(ladder_entry(experiment.path.stem, compare(experiment)))
+    return rungs
+
+
+def _measured(experiment: Experiment) -> tuple[object, ...]:
+    """What is measured: the parts of records and their channels."""
+    return (sorted((str(r.file.resolve()), r.use, r.begin or 0.0, r.end or 0.0) for r in experiment.records.values()),
+            sorted((o.column, o.shown.unit) for o in experiment.outputs.values()))

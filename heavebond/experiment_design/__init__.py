@@ -1,0 +1,1 @@
+"""Design of the experiment that distinguishes the alternatives of a diagnosis."""
