@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 from heavebond.cli import main
 from heavebond.core import cancellation
-from heavebond.diagnosis import diagnose as diagnosis
+from heavebond.diagnosis import phases
 from heavebond.diagnosis.answer.sentences import CURVES, VALUES
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.diagnose import Diagnosis, diagnose
@@ -116,7 +116,7 @@ def test_a_step_that_is_complete_names_its_effect_although_more_was_not_tried(
     def over(*given: Any, **named: Any) -> None:
         raise KeyboardInterrupt
 
-    for module, name in ((diagnosis, "make_value_stage"), (diagnosis, "make_curve_stage"),
+    for module, name in ((phases, "make_value_stage"), (phases, "make_curve_stage"),
                          (flexible_laws, "make_curve_stage")):
         monkeypatch.setattr(module, name, over)
     found = diagnose(rig, number=1, classes=["viscous damping"], steps=1)

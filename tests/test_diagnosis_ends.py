@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from diagrams import CART_RIG
 
-from heavebond.diagnosis import diagnose as diagnosis
+from heavebond.core.cancellation import Budget
+from heavebond.diagnosis import phases
 from heavebond.diagnosis.answer import sentences, verdict
 from heavebond.diagnosis.attempt import attempt
 from heavebond.diagnosis.candidates.catalogue import single_candidates
@@ -21,6 +22,7 @@ from heavebond.diagnosis.diagnose import diagnose
 from heavebond.diagnosis.evidence import flexible_laws
 from heavebond.diagnosis.evidence.flexible_laws import Adequacy, Comparand, adequacy
 from heavebond.diagnosis.evidence.prediction import PredictiveErrors
+from heavebond.diagnosis.evidence.residual_tests import ResidualTests
 from heavebond.diagnosis.search.step import Stage, following, make_stage, refitted_beside, single
 from heavebond.diagnosis.state import AddedEffect
 from heavebond.estimation.experiment import Experiment, load_experiment
@@ -243,18 +245,22 @@ def test_a_curve_takes_no_name_where_it_leaves_more_than_effects_of_which_the_la
     offset, overlap = (SimpleNamespace(candidate=SimpleNamespace(label=name), chosen=name) for name in ("offset", "overlap"))
     curve, curves = SimpleNamespace(candidate="curve"), SimpleNamespace(partial=False)
     beaten = Adequacy(0.97, flexible=cast(Any, curve), beaten=True, covered=1.0)
-    monkeypatch.setattr(diagnosis, "judged", lambda *given: (beaten, curves))
-    monkeypatch.setattr(diagnosis, "better", lambda one, other: other == "overlap" and leaves_less)
-    monkeypatch.setattr(diagnosis, "choosing", lambda curves, curve: curves)
-    step: Any = SimpleNamespace(partial=False)
-    come = diagnosis._SearchState([cast(Any, SimpleNamespace(comparison=None))] * 2, [cast(Any, offset)], [step])
-    monkeypatch.setattr(diagnosis, "replace", lambda come, **given: SimpleNamespace(**given) if come is step else
-                        replace(come, **given))
+    monkeypatch.setattr(phases, "judged", lambda *given: (beaten, curves))
+    monkeypatch.setattr(phases, "adequacy_alone", lambda *given: Adequacy(0.97))
+    monkeypatch.setattr(phases, "better", lambda one, other: other == "overlap" and leaves_less)
+    monkeypatch.setattr(phases, "choosing", lambda curves, curve: curves)
+    monkeypatch.setattr(phases, "SelectedEffect", lambda *given: given)
+    step = Stage(cast(Any, None), {}, 0.0, 1, 1.0, 1.0, 1, (), ResidualTests(0, 0, 0, 9), (), (), None, (), {}, (), False,
+                 0.0)
+    models = (cast(Any, SimpleNamespace(comparison=None)),) * 2
+    confirming = cast(Any, SimpleNamespace(one=lambda *given: "shape"))
+    task = phases.Task(Budget(float("inf")), 1, 1, (), None, lambda text: None, lambda models: None)
 
     def named(whole: tuple[Any, ...]) -> tuple[Any, Any]:
-        found = diagnosis._without_name(come, cast(Any, (offset,)), cast(Any, whole), lambda *given: cast(Any, "shape"), 1,
-                                        1e9, lambda text: None)
-        return found[1], found[2]
+        state = phases.State(cast(Any, None), cast(Any, None), models=models, selection=cast(Any, (offset,)),
+                             whole=cast(Any, whole), findings=(cast(Any, offset),), steps=(step,), confirming=confirming)
+        *_, state = phases._without_name(state, task, 1e9)
+        return state.shape, state.adequacy
 
     shape, found = named((offset, overlap))
     assert shape == ("shape" if leaves_less else None) and found.stands is not leaves_less

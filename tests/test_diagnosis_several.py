@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -14,9 +14,12 @@ import pytest
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import RECEIVER
+from heavebond.core.cancellation import Budget
+from heavebond.diagnosis import phases
 from heavebond.diagnosis.answer import ranking, sentences, verdict
+from heavebond.diagnosis.answer.sentences import VALUES
 from heavebond.diagnosis.candidates.fixed_values import VALUE
-from heavebond.diagnosis.diagnose import _beside, _noticeable, _SearchState, _weighed, diagnose
+from heavebond.diagnosis.diagnose import diagnose
 from heavebond.diagnosis.evidence.flexible_laws import Adequacy
 from heavebond.diagnosis.evidence.prediction import FITTED, SELECTION, TEST, PredictiveErrors
 from heavebond.diagnosis.evidence.residual_tests import ResidualTests
@@ -112,7 +115,7 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
     monkeypatch.setattr(stepwise, "following", lambda made: made.chosen.experiment)
     monkeypatch.setattr(stepwise, "candidates", lambda at: [trial("", e).candidate for e in "ABCD"])
     monkeypatch.setattr(stepwise, "single", lambda at, candidate, say: step(at.effects, [candidate.label]))
-    way, _ = select_stepwise(experiment(""), stepping, lambda text: None, most, lambda: left)
+    *_, (way, _) = select_stepwise(experiment(""), stepping, lambda text: None, most, lambda: left)
     return "".join(added.candidate.label for added in way), made
 
 
@@ -174,10 +177,10 @@ def test_an_effect_that_hardly_takes_anything_away_is_no_finding() -> None:
     for before, after, named in ((16.1, 15.2, False), (16.1, 12.0, True), (1.05, 1.0, True), (1e6, 9e5, False)):
         for held in (True, False):
             made = step(before, after, held)
-            way, last = _noticeable((stepwise.SelectedEffect(made, ()),), made)
+            way, last = phases._noticeable((stepwise.SelectedEffect(made, ()),), made)
             assert (len(way) == 1, last.chosen is not None) == (named, named)
     two = (stepwise.SelectedEffect(step(16.1, 15.2), ()), stepwise.SelectedEffect(step(15.2, 1.0), ()))
-    assert _noticeable(two, two[1].step)[0] == two
+    assert phases._noticeable(two, two[1].step)[0] == two
 
 
 def test_a_score_that_no_refit_justifies_is_noise(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -320,24 +323,29 @@ def test_a_value_that_is_a_little_better_than_an_effect_is_named_with_it() -> No
         value = trial(cost)
         value.candidate = SimpleNamespace(kind=VALUE)
         made = replace(EMPTY, cluster=(value,))
-        (found,), as_near = _beside([finding], chosen, made)
-        assert (value in found.alternatives) is beside and as_near == [value]
-        assert _beside([finding, finding], chosen, made) == ([finding, finding], [value])
-        assert _beside([finding], chosen, replace(made, partial=True)) == ([finding], [])
+        (found,), as_near = phases._beside([finding], chosen, made)
+        assert (value in found.alternatives) is beside and as_near == (value,)
+        assert phases._beside([finding, finding], chosen, made) == ((finding, finding), (value,))
+        assert phases._beside([finding], chosen, replace(made, partial=True)) == ((finding,), ())
 
 
-def test_values_are_tried_where_nothing_was_found() -> None:
+def test_values_are_tried_where_nothing_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
     tried: list[Refit | None] = []
 
-    def trying(beside: Refit | None) -> Stage:
+    def trying(experiment: Any, *, beside: Refit | None, **options: Any) -> Stage:
         tried.append(beside)
         return replace(EMPTY, partial=True)
 
-    # no ladder of effects, and a diagram that is near the noise
+    monkeypatch.setattr(phases, "make_value_stage", trying)
+    monkeypatch.setattr(phases, "as_long_as", lambda part, experiment: experiment)
+    # no effect was selected, and the diagram is near the noise
     near: Any = SimpleNamespace(chi2_held_out=1.2, chi2_fit=1.2)
-    come = _weighed(_SearchState([near], [], [EMPTY]), (), None, trying)
-    assert tried == [None]
-    assert [s.partial for s in come.steps] == [True]
+    experiment: Any = SimpleNamespace()
+    state = phases.State(experiment, experiment, models=(near,), searched=experiment, steps=(EMPTY,),
+                         confirming=cast(Any, SimpleNamespace(one=None)))
+    task = phases.Task(Budget(float("inf")), 1, 1, (), None, lambda text: None, lambda models: None)
+    *_, state = phases.try_fixed_values(state, task)
+    assert tried == [None] and [step.partial for step in state.steps] == [True] and VALUES in state.untried
 
 
 def test_a_candidate_that_the_test_data_exclude_does_not_lead() -> None:

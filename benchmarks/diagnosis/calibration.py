@@ -47,7 +47,7 @@ def judged(machine: Machine, number: int) -> dict[str, object]:
         case = drawn(machine, number, Path(folder))
         made = clock.process_time()
         # the search for an experiment that decides has no part in the probabilities
-        with patch("heavebond.diagnosis.diagnose._separation", lambda *_: None):
+        with patch("heavebond.diagnosis.phases._separation", lambda *_: None):
             found = hb.diagnose(case.experiment, steps=1, number=1, seconds=LONGEST, classes=case.classes)
     row = _row(case, found)
     return row | {"draw_seconds": round(made - began, 2), "seconds": round(clock.process_time() - made, 2)}

@@ -23,7 +23,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from heavebond.core.cancellation import Budget
 from heavebond.core.errors import HeavebondError
 from heavebond.core.presentation import number
 from heavebond.core.progress import Progress
@@ -170,20 +169,22 @@ def judged(way: Selection, complete: bool, tried: bool, number: int | None, seco
            ) -> tuple[Adequacy, Stage | None]:
     """The adequacy of the first effect of a ladder, and the stage of identified curves by which it was judged; None where
     that was not made to its end in `seconds`, or not `tried` at all. `complete` as in `Adequacy`."""
-    first = way[0]
-    found = Budget(seconds).made(lambda: _compared(way, number, seconds, say)) if tried else None
-    law, curves = found if found is not None else (_alone(way), None)
-    made = adequacy(first.chosen, first.step, law, curves, complete)
+    law, curves = _compared(way, number, seconds, say) if tried else (_alone(way), None)
+    made = adequacy(way[0].chosen, way[0].step, law, curves, complete)
     return made, curves if curves is not None and not curves.partial else None
+
+
+def adequacy_alone(way: Selection, complete: bool) -> Adequacy:
+    """The adequacy of the first effect of a selection without any identified curve."""
+    return adequacy(way[0].chosen, way[0].step, _alone(way), None, complete)
 
 
 def curve_alone(way: Selection, number: int | None, seconds: float, say: Progress) -> tuple[Refit | None, Stage | None]:
     """The identified curve that alone, without the effects of a ladder, leaves significantly less than these do together,
     and the stage of curves; None where there is no such curve, or where not all were tried in `seconds`."""
-    made = Budget(seconds).made(lambda: make_curve_stage(
-        way[0].step.experiment, beside=way[0].candidate, number=number, seconds=seconds,
-        progress=lambda text: say(f"identified curves: {text}")))
-    if made is None or made.partial:
+    made = make_curve_stage(way[0].step.experiment, beside=way[0].candidate, number=number, seconds=seconds,
+                            progress=lambda text: say(f"identified curves: {text}"))
+    if made.partial:
         return None, None
     best = min((t for t in made.trials if t.errors is not None), key=loss, default=None)
     return (best if best is not None and better(best, way[-1].chosen) else None), made

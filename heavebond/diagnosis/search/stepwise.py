@@ -30,14 +30,13 @@ in place of time. Its covariance comes from blocks of time, as the residuals of 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.core.cancellation import clear_signal
 from heavebond.core.errors import HeavebondError
 from heavebond.core.presentation import number
 from heavebond.core.progress import Progress
@@ -211,29 +210,32 @@ Calibrating = Callable[[Experiment], Stage]
 
 def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, most: int = MOST,
                     left: Callable[[], float] = lambda: inf, calibrating: Calibrating | None = None
-                    ) -> tuple[Selection, Stage]:
-    """The ladder of at most `most` effects that leaves least, and the last step that was made from its last rung (with the
-    chosen effect on it, or with none that is worth it); `stepping` makes a step on an experiment, the ladder that leads
-    there given, and `calibrating` one of calibration errors alone. A further step begins only where `BEGUN` of the time that
-    the step before took is `left` (s), and one that the time cuts short counts only where it reaches the noise."""
+                    ) -> Iterator[tuple[Selection, Stage]]:
+    """Yield the selection of at most `most` effects that leaves least so far, and the last step that was made (with the
+    chosen effect in it, or with none that is worth it); the last pair is the result.
+
+    `stepping` makes a step on an experiment, given the selection that leads there, and `calibrating` one of calibration
+    errors alone. A further step begins only if `BEGUN` of the time of the step before is `left` (s), and one that the time
+    ends counts only if it reaches the noise. A pair that is yielded before more work has a partial step: it is the result
+    if this work is ended early.
+    """
     last = stepping(experiment, ())
-    if last.chosen is not None and last.chosen.absent and not last.partial:  # what is free was fitted into a wrong valley
+    yield (), replace(last, chosen=None, cluster=(), partial=True)
+    if last.chosen is not None and last.chosen.absent and not last.partial:  # a wrong local minimum of the free parameters
         last = stepping(at_values_of(last.chosen, experiment), ())
     base, ways = last.merit, _extended((), last)
+    yield (ways[0] if ways else ()), last
     if calibrating is not None and ways and not (last.partial or ways[0][-1].is_noise or most < 2):
         ways = _beside_calibration(last, ways, calibrating, left)
     for _ in range(2 * most):
         if not ways or len(ways[0]) >= most or last.partial or ways[0][-1].is_noise or within_the_error(ways[0]):
             break
+        yield ways[0], replace(ways[0][-1].step, partial=True)
         steps: list[tuple[Stage, list[Selection]]] = []
         for way in _promising(ways, base):
             if left() < BEGUN * way[-1].step.seconds:
                 break
-            try:
-                made = stepping(following(way[-1].step), way)
-            except KeyboardInterrupt:
-                clear_signal()
-                return ways[0], replace(ways[0][-1].step, partial=True)
+            made = stepping(following(way[-1].step), way)
             steps.append((made, _extended(way, made)))
             if made.partial or any(found[-1].is_noise for found in steps[-1][1]):
                 break
@@ -244,17 +246,16 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
         longer = [found for _, extended in steps for found in extended
                   if worth_it(found[-1].step) and _merit(found) < min(map(_merit, ways))]
         longer = [_without_absent(found) for found in longer]
-        if not longer:
-            ways = sorted(ways, key=_merit)
-        if longer:
-            ways = _distinct(sorted(longer, key=_merit))
+        ways = _distinct(sorted(longer, key=_merit)) if longer else sorted(ways, key=_merit)
         last = replace(ways[0][-1].step if longer else steps[0][0], partial=steps[-1][0].partial)
         if not longer:
             break
         if not last.partial and left() > 0:
-            ways[0], partial = looked_back(ways[0], stepping, say)
-            last = replace(ways[0][-1].step, partial=partial)
-    return (ways[0] if ways else ()), last
+            for way, partial in looked_back(ways[0], stepping, say):
+                last = replace(way[-1].step, partial=partial)
+                yield way, last
+            ways[0] = way
+    yield (ways[0] if ways else ()), last
 
 
 def within_the_error(way: Selection) -> bool:
@@ -298,11 +299,7 @@ def _beside_calibration(made: Stage, ways: Sequence[Selection], calibrating: Cal
         if left() <= 0:
             break
         way = (SelectedEffect(step, step.cluster),)
-        try:
-            beside = calibrating(following(step))
-        except KeyboardInterrupt:
-            clear_signal()
-            break
+        beside = calibrating(following(step))
         if beside.chosen is not None and worth_it(beside):
             found[_label(way)] = merit(beside.chosen), way
     return [way for _, way in sorted(found.values(), key=lambda pair: pair[0])]
@@ -331,21 +328,19 @@ def _distinct(ways: Sequence[Selection]) -> list[Selection]:
     return list(found.values())
 
 
-def looked_back(way: Selection, stepping: Stepping, say: Progress) -> tuple[Selection, bool]:
-    """The ladder without what is not missed beside the others, with what is better in its place, and each effect with what
-    cannot be told from it beside all others; and whether the search was ended before all of it was looked at."""
+def looked_back(way: Selection, stepping: Stepping, say: Progress) -> Iterator[tuple[Selection, bool]]:
+    """Yield the selection without effects that are not needed beside the others, with better ones in their place, and each
+    effect with its alternatives beside all others, as far as that is known; and whether some effect was not examined
+    yet."""
     way = _among(way)
     while (k := next((k for k, added in enumerate(way) if added.beside != _others(way, k)), None)) is not None:
+        yield way, True
         say(f"is {way[k].candidate.label} still needed?")
-        try:
-            changed = _asked_again(way, k, stepping, say)
-            if changed is None:
-                return way, True
-            way = _among(_in_order(changed, say))
-        except KeyboardInterrupt:
-            clear_signal()
-            return way, True
-    return way, False
+        changed = _asked_again(way, k, stepping, say)
+        if changed is None:
+            return
+        way = _among(_in_order(changed, say))
+    yield way, False
 
 
 def _asked_again(way: Selection, k: int, stepping: Stepping, say: Progress) -> Selection | None:

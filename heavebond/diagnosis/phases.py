@@ -1,0 +1,430 @@
+"""Phases of a diagnosis.
+
+A phase is a generator: it takes the state of the diagnosis and yields it again whenever it has improved. `diagnose` runs
+the phases in order and keeps the last state, so that a phase which is ended early (by Ctrl-C, a signal or the end of the
+time) loses nothing of what it had found. Phases that only work out the result (`CLOSING`) run in any case. """
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite, nan
+
+from heavebond.core.cancellation import Budget
+from heavebond.core.errors import HeavebondError, SimulationError, StartError, listing
+from heavebond.core.progress import Progress
+from heavebond.diagnosis.answer.confirm import Confirming, at_fit, compared, first_entries
+from heavebond.diagnosis.answer.sentences import CALIBRATION, CURVES, FURTHER, VALUES, was_ended
+from heavebond.diagnosis.answer.verdict import is_adequate, near_noise, unexplained, verdict
+from heavebond.diagnosis.candidates.fixed_values import VALUE
+from heavebond.diagnosis.evidence.flexible_laws import (
+    Adequacy,
+    Remainder,
+    adequacy_alone,
+    better,
+    curve_alone,
+    judged,
+    remainder,
+)
+from heavebond.diagnosis.search.record_starts import own_starts, started_entry
+from heavebond.diagnosis.search.refit import Refit
+from heavebond.diagnosis.search.step import (
+    Stage,
+    choosing,
+    make_calibration_stage,
+    make_curve_stage,
+    make_stage,
+    make_value_stage,
+    merit,
+    worth_it,
+)
+from heavebond.diagnosis.search.stepwise import (
+    DECISIVE,
+    SelectedEffect,
+    Selection,
+    Unsupported,
+    looked_back,
+    select_stepwise,
+    supported,
+    within_the_error,
+)
+from heavebond.diagnosis.state import AddedEffect, LadderEntry
+from heavebond.estimation.comparison import Comparison
+from heavebond.estimation.excerpts import as_long_as, excerpt
+from heavebond.estimation.experiment import Experiment
+from heavebond.estimation.fitting import Fit, fit
+from heavebond.experiment_design.separation import Alternative, Separation, separate
+
+# Share of the time after which the first fit of all samples is ended with its best so far, and shares that are kept for the
+# end: the fit of the selected effects to all samples (as long as so many of its runs take), and writing the result.
+FITTING, KEPT, MOST_KEPT, LAST_RUNS = 0.4, 0.1, 0.4, 6.0
+
+
+@dataclass(frozen=True)
+class Task:
+    """The options of a diagnosis: the time `budget`, the largest number of `steps`, the `number` of processes, the
+    `classes` that the catalogue is restricted to, the `samples` of long records that are searched; `say` and `grow` report
+    progress."""
+
+    budget: Budget
+    steps: int
+    number: int | None
+    classes: Sequence[str]
+    samples: int | None
+    say: Progress
+    grow: Callable[[list[dict[str, object]]], None]
+
+
+@dataclass(frozen=True)
+class State:
+    """The state of a diagnosis.
+
+    given: the experiment as it was given; experiment: the same with a start of its own for each record if they need one;
+    models: the table of models, each with its errors; base: the fit of the free parameters; comparing: the duration of a
+    comparison with all records (s); kept: the time (s) that is kept for the closing phases. searched: the experiment on the
+    samples that are searched; selection, last: the effects that the search selected and its last step; whole: the selection
+    with effects that are not named; unsupported: why these are not; steps, findings: the steps and named effects of the
+    answer; confirming: the fits to all samples. values: fixed values that the records cannot distinguish from the findings;
+    value_step: the step of all fixed values; shape: the identified curve in place of a name; adequacy, remainder: see
+    `evidence.flexible_laws`. verdict, separation: see `Diagnosis`. untried: parts of the search that were not completed;
+    ended: the phases that were ended early. """
+
+    given: Experiment
+    experiment: Experiment
+    models: tuple[LadderEntry, ...] = ()
+    base: Fit | None = None
+    comparing: float = 0.0
+    kept: float = 0.0
+    searched: Experiment | None = None
+    selection: Selection = ()
+    last: Stage | None = None
+    whole: Selection = ()
+    unsupported: tuple[Unsupported, ...] = ()
+    steps: tuple[Stage, ...] = ()
+    findings: tuple[AddedEffect, ...] = ()
+    confirming: Confirming | None = None
+    values: tuple[Refit, ...] = ()
+    value_step: Stage | None = None
+    shape: AddedEffect | None = None
+    adequacy: Adequacy | None = None
+    remainder: Remainder | None = None
+    verdict: str = "undetermined"
+    separation: Separation | None = None
+    untried: tuple[str, ...] = ()
+    ended: tuple[str, ...] = ()
+
+    @property
+    def partial(self) -> bool:
+        """Whether the search for effects was ended early."""
+        return bool(self.ended) or (self.last is not None and self.last.partial) or any(s.partial for s in self.steps)
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether more than noise is left that no name explains."""
+        return unexplained(self.models, self.findings, self.steps)
+
+    @property
+    def added(self) -> tuple[AddedEffect, ...]:
+        """The findings, and the identified curve."""
+        return (*self.findings, *([self.shape] if self.shape is not None else []))
+
+    @property
+    def table(self) -> tuple[LadderEntry, ...]:
+        """The table of models, with the identified curve."""
+        return (*self.models, *([self.shape.rung] if self.shape is not None else []))
+
+    @property
+    def before_findings(self) -> tuple[LadderEntry, ...]:
+        """The models without effects."""
+        return self.models[:len(self.models) - len(self.findings)]
+
+    def without(self, what: str) -> State:
+        """The state with one more part of the search that was not completed."""
+        return replace(self, untried=tuple(dict.fromkeys((*self.untried, what))))
+
+    def at_last_fit(self) -> Experiment:
+        """The experiment on the last diagram, at its fitted values."""
+        last = self.added
+        return at_fit(last[-1].fit.experiment, last[-1].fit) if last else at_fit(self.experiment, self.base)
+
+
+Phase = Callable[[State, Task], Iterator[State]]
+
+
+def kept_time(state: State, task: Task) -> float:
+    """The time (s) that is kept for the fit of the selected effects to all samples, which takes some runs from near its
+    optimum."""
+    if not isfinite(task.budget.seconds):
+        return 0.0
+    runs = state.base.evaluations if state.base is not None else 1
+    needed = LAST_RUNS * task.budget.spent / max(runs, LAST_RUNS / 2)
+    return max(KEPT * task.budget.seconds, min(needed, MOST_KEPT * task.budget.seconds))
+
+
+def simulate_records(state: State, task: Task) -> Iterator[State]:
+    """Compare the diagram as it is with all records."""
+    task.say("simulating all records")
+    before: tuple[LadderEntry, ...] = ()
+    try:
+        before = tuple(first_entries(state.given, None, compared(state.given)))
+    except (SimulationError, StartError):
+        if not state.given.free:
+            raise  # otherwise the fit may find values at which it can be simulated, and its message says more if it does not
+    yield replace(state, models=before, comparing=task.budget.spent)
+
+
+def fit_parameters(state: State, task: Task) -> Iterator[State]:
+    """Fit the free parameters of the diagram."""
+    if not state.given.free:
+        return
+    most, began = min(FITTING * task.budget.seconds, task.budget.left(2 * state.comparing)), task.budget.spent
+    base = fit(state.given, progress=lambda text: task.say(f"fitting what is free: {text}"), partial=True, seconds=most,
+               before=state.models[0].comparison if state.models else None)
+    by_user = was_ended(base) and task.budget.spent - began < most
+    yield replace(state, base=base, models=tuple(first_entries(state.given, base)),
+                  ended=("fit_parameters",) if by_user else ())
+
+
+def fit_record_starts(state: State, task: Task) -> Iterator[State]:
+    """Fit a start of each record if the records begin elsewhere than the model."""
+    seconds = min(FITTING * task.budget.seconds, task.budget.left())
+    started = own_starts(state.given, state.models[-1], seconds, task.say)
+    if started is not None:
+        yield replace(state, experiment=started.experiment, base=started, models=(*state.models, started_entry(started)))
+
+
+def search(state: State, task: Task) -> Iterator[State]:
+    """Select effects step by step on the samples that are searched; on all samples if these show nothing, as a missing
+    effect may show later."""
+    task.grow([entry.as_dict() for entry in state.models])
+
+    def left() -> float:
+        return task.budget.left(state.kept)
+
+    def stepping(experiment: Experiment, way: Selection) -> Stage:
+        task.grow([*(entry.as_dict() for entry in state.models), *map(_unconfirmed, way)])
+        beside = f" beside {listing(added.candidate.label for added in way)}" if len(way) > 1 else ""
+        return make_stage(experiment, number=task.number, seconds=left(), classes=task.classes, thorough=not way,
+                          progress=lambda text: task.say(f"step {len(way) + 1}{beside}: {text}"))
+
+    cut_short: set[str] = set()
+
+    def calibrating(experiment: Experiment) -> Stage:
+        cut_short.add(CALIBRATION)  # until it is complete
+        made = make_calibration_stage(experiment, number=task.number, seconds=left(), classes=task.classes,
+                                      progress=lambda text: task.say(f"beside calibration errors: {text}"))
+        if not made.partial:
+            cut_short.clear()
+        return made
+
+    part = excerpt(state.experiment, state.models[-1].comparison, task.samples)
+    last = None
+    for searched in [part] if part is state.experiment else [part, state.experiment]:
+        if last is not None and (last.left.significant or last.partial):
+            break
+        for way, last in select_stepwise(at_fit(searched, state.base), stepping, task.say, task.steps, left, calibrating):
+            state = replace(state, searched=searched, selection=way, whole=way, last=last, untried=tuple(cut_short))
+            yield state
+    assert last is not None
+    way, last = _noticeable(state.selection, last)
+    state = replace(state, selection=way, whole=way, last=last)
+    yield state
+    way, unsupported = supported(
+        way, task.say, lambda way: list(looked_back(way, stepping, task.say))[-1][0] if left() > 0 else way)
+    if unsupported:
+        last = replace(unsupported[-1].added.step, partial=last.partial)
+    yield replace(state, selection=way, last=last, unsupported=tuple(unsupported))
+
+
+def confirm(state: State, task: Task) -> Iterator[State]:
+    """Fit the selected effects to all samples."""
+    way, last = state.selection, state.last
+    if last is None or state.searched is None:
+        return
+    last = replace(last, partial=last.partial or bool(state.ended))
+    # the last step may be that of the last effect itself
+    own = bool(way) and last.chosen is way[-1].chosen
+    short = own and not last.partial and len(way) < task.steps and not way[-1].is_noise and not within_the_error(way)
+    steps = [*(_answered(added.step, added) for added in (way[:-1] if own else way)),
+             _answered(last, way[-1]) if own else replace(last, chosen=None, cluster=())]
+    confirming = Confirming(task.budget, state.experiment, state.searched, state.base, state.comparing, task.say)
+    models, findings = confirming.all(way, state.models)
+    if way and not findings:
+        steps[-1] = replace(steps[-1], partial=True)
+    yield replace(state, models=tuple(models), findings=tuple(findings), steps=tuple(steps), confirming=confirming,
+                  untried=(*state.untried, *([FURTHER] if short else [])))
+
+
+def try_fixed_values(state: State, task: Task) -> Iterator[State]:
+    """Compare the findings with other values of the parameters that the diagram holds fixed: a value replaces them if it is
+    better, and is an alternative if the records cannot distinguish them."""
+    if not state.steps or not state.steps[0].left.significant or (task.classes and VALUE not in task.classes):
+        return
+    assert state.confirming is not None and state.searched is not None
+    searched, confirm_one = state.searched, state.confirming.one
+    without = state.without(VALUES)
+    yield without if state.findings else replace(
+        without, steps=(*state.steps[:-1], replace(state.steps[-1], partial=True)))
+    chosen = state.selection[len(state.findings) - 1].chosen \
+        if state.findings and is_adequate(state.models, state.findings) else None
+    made = make_value_stage(
+        as_long_as(searched, at_fit(state.experiment, state.base)), beside=chosen, number=task.number,
+        seconds=task.budget.left(state.kept),
+        progress=lambda text: task.say(f"trying other values of what is held fixed: {text}"))
+    if (value := _value(made, confirm_one, state.before_findings)) is not None:
+        yield replace(state, models=(*state.before_findings, value.rung), findings=(value,), value_step=made,
+                      steps=(replace(state.steps[0], chosen=None, cluster=()), made))
+        return
+    if made.partial:
+        yield replace(without, value_step=made, steps=state.steps if state.findings else (
+            *state.steps[:-1], replace(state.steps[-1], partial=True)))
+        return
+    findings, values = _beside(state.findings, chosen, made) if chosen is not None else (state.findings, ())
+    yield replace(state, value_step=made, findings=findings, values=values)
+
+
+def fit_flexible_laws(state: State, task: Task) -> Iterator[State]:
+    """Judge the first finding, after which more than noise is left, by identified curves in its place; or fit identified
+    curves if there is no finding. A curve replaces the name if it explains most of what is left."""
+    if not state.unexplained:
+        return
+    assert state.confirming is not None
+    left = task.budget.left(state.kept)
+    way = state.selection
+    if way and state.findings and state.findings[0].candidate is way[0].candidate:
+        for latest in _without_name(state, task, left):
+            state = latest
+            yield state
+    if state.shape is None and not (state.adequacy is not None and state.adequacy.stands) and not state.steps[-1].partial \
+            and VALUES not in state.untried and state.unexplained:
+        assert state.searched is not None and state.confirming is not None
+        task.say("learning a curve")
+        yield state.without(CURVES)
+        left = task.budget.left(state.kept)
+        experiment = as_long_as(state.searched, replace(state, shape=None).at_last_fit())
+        made = make_curve_stage(experiment, number=task.number, seconds=left)
+        shape = None
+        if made.chosen is not None and worth_it(made):
+            shape = state.confirming.one(SelectedEffect(made, made.cluster), state.models[-1].comparison)
+            made = replace(made, partial=made.partial or shape is None)
+        yield replace(state.without(CURVES) if made.partial else state, shape=shape)
+
+
+def explain_remainder(state: State, task: Task) -> Iterator[State]:
+    """The law that explains most of the final residual, if more than noise is left."""
+    if state.steps and not state.steps[-1].partial and state.unexplained:
+        assert state.searched is not None
+        yield replace(state, remainder=remainder(as_long_as(state.searched, state.at_last_fit()), task.say))
+
+
+def decide(state: State, task: Task) -> Iterator[State]:
+    """The verdict, and the experiment that would distinguish the alternatives."""
+    if not state.steps:
+        return
+    if state.adequacy is None and state.unexplained and state.selection and state.findings \
+            and state.findings[0].candidate is state.selection[0].candidate:
+        complete = not state.steps[0].partial and VALUES not in state.untried
+        state = replace(state.without(CURVES), adequacy=adequacy_alone(state.selection, complete))
+    said = verdict(state.base, state.table, state.findings, state.steps, state.shape, state.adequacy,
+                   not {VALUES, CURVES} & set(state.untried))
+    state = replace(state, verdict=said)
+    yield state
+    if said == "one_of" and not state.ended:
+        left = task.budget.left(state.kept)
+        apart = Budget(left).made(lambda: _separation(state.given, state.findings, task.say, left))
+        yield replace(state, separation=apart)
+
+
+PHASES: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts, search, confirm, try_fixed_values,
+                             fit_flexible_laws, explain_remainder, decide)
+CLOSING: tuple[Phase, ...] = (confirm, decide)
+FIRST: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts)
+
+
+def _without_name(state: State, task: Task, seconds: float) -> Iterator[State]:
+    """The state with the adequacy of the first finding. If an identified curve explains most of what is left, and nothing
+    was found beside it, or one alone leaves less than all findings, it replaces the name. Effects that are not named, as in
+    the `whole` selection, are no name, yet may explain more than a curve."""
+    assert state.confirming is not None
+    task.say("fitting identified curves in place of the effect")
+    way, confirm_one = state.selection[:len(state.findings)], state.confirming.one
+    complete = not state.steps[0].partial and VALUES not in state.untried
+    tried = not state.steps[-1].partial and not {FURTHER, CALIBRATION} & set(state.untried)
+    yield replace(state.without(CURVES), adequacy=adequacy_alone(way, complete))
+    found, curves = judged(way, complete, tried, task.number, seconds, task.say)
+    state = replace(state if curves is not None else state.without(CURVES), adequacy=found)
+    yield state
+    if not found.beaten or VALUES in state.untried:
+        return
+    curve = found.flexible
+    if len(state.findings) > 1:
+        task.say("fitting identified curves in place of all effects")
+        curve, curves = curve_alone(way, task.number, seconds, task.say)
+    if curve is None or curves is None:
+        return
+    if len(state.whole) > len(state.findings) and not better(curve, state.whole[-1].chosen):
+        yield replace(state, adequacy=replace(found, beaten=False))
+        return
+    without = state.before_findings
+    shape = confirm_one(SelectedEffect(choosing(curves, curve), (curve,)), without[-1].comparison)
+    if shape is None:
+        yield state.without(CURVES)
+        return
+    yield replace(state, models=without, findings=(), steps=(replace(state.steps[0], chosen=None, cluster=()),), shape=shape)
+
+
+def _unconfirmed(added: SelectedEffect) -> dict[str, object]:
+    """The figures of an effect on the searched samples, for the growing table of models."""
+    trial = added.chosen
+    return {"name": f"+ {added.candidate.label}", "error_fit": nan, "error_held_out": nan, "chi2_fit": trial.chi2_fit,
+            "chi2_held_out": trial.chi2_held_out}
+
+
+def _answered(step: Stage, added: SelectedEffect) -> Stage:
+    """The step whose ranking marks the answer: the alternatives of its effect beside all others."""
+    return replace(step, cluster=added.alternatives)
+
+
+def _noticeable(way: Selection, last: Stage) -> tuple[Selection, Stage]:
+    """A selection without a single effect that takes hardly anything away: some law always takes a few percent of an
+    unexplained residual (the noise of a measured input), beyond chance, and would be a name for nothing."""
+    if len(way) != 1 or worth_it(way[0].step):
+        return way, last
+    return (), replace(way[0].step, chosen=None, cluster=(), partial=last.partial)
+
+
+def _separation(machine: Experiment, findings: Sequence[AddedEffect], say: Progress, seconds: float) -> Separation | None:
+    """The experiment that would distinguish the alternatives of the first finding without one name, the best law of each
+    class at each place; None if one of the diagrams cannot be simulated."""
+    unsure = next(f for f in findings if not f.certain)
+    best: dict[object, Refit] = {}
+    for trial in unsure.alternatives:
+        best.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), trial)
+    try:
+        return separate([Alternative(f"{t.candidate.kind} {t.candidate.place}", t.experiment, t.values,
+                                     t.samples + t.samples_held_out) for t in best.values()],
+                        machine=machine, progress=say)
+    except HeavebondError:
+        return None
+
+
+def _value(made: Stage, confirm_one: Callable[[SelectedEffect, Comparison], AddedEffect | None],
+           models: Sequence[LadderEntry]) -> AddedEffect | None:
+    """The fixed value with which the residual becomes noise, fitted to all samples; None if there is none, if an effect
+    beside the values is no worse, or if not all values were tried."""
+    if made.partial or made.chosen is None or not worth_it(made) or any(t.candidate.kind != VALUE for t in made.cluster):
+        return None
+    found = confirm_one(SelectedEffect(made, made.cluster), models[-1].comparison)
+    return found if found is not None and near_noise(found.rung) and is_adequate([*models, found.rung], [found]) else None
+
+
+def _beside(findings: Sequence[AddedEffect], chosen: Refit, made: Stage
+            ) -> tuple[tuple[AddedEffect, ...], tuple[Refit, ...]]:
+    """The findings, the last of which came with the refit `chosen`, and the values that the records cannot distinguish from
+    them. A single finding has those as alternatives that explain better, though not by enough to decide: as well with fewer
+    numbers. If they are no better, the fixed values are taken as right."""
+    values = () if made.partial else tuple(t for t in made.cluster if t.candidate.kind == VALUE)
+    better_values = [t for t in values if merit(t) < merit(chosen) - DECISIVE]
+    if len(findings) > 1 or not better_values:
+        return tuple(findings), values
+    return (replace(findings[0], alternatives=(*findings[0].alternatives, *better_values)),), values
