@@ -156,18 +156,6 @@ def test_less_than_an_estimated_noise_ends_the_search(monkeypatch: pytest.Monkey
     assert climbed(monkeypatch, {"": 1000, "C": 1.2, "CD": 0.4}, given=False)[0] == "CD"
 
 
-def test_no_effect_is_sought_beside_an_estimated_noise_that_could_not_be_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two effects leave 2 % of the misfit. The noise that is given may be reached; where it is estimated, a further effect
-    has to take 5 %. One effect that leaves so little may still be a wrong one."""
-    table = {"": 1000, "C": 300, "A": 900, "AC": 20, "ACD": 4}
-    found, made = climbed(monkeypatch, table, given=False)
-    assert sorted(found) == ["A", "C"] and not any(len(at) > 1 for at in made)
-    found, made = climbed(monkeypatch, table)
-    assert sorted(found) == ["A", "C", "D"] and any(len(at) > 1 for at in made)
-    assert sorted(climbed(monkeypatch, {**table, "AC": 60}, given=False)[0]) == ["A", "C", "D"]
-    assert climbed(monkeypatch, {"": 1000, "C": 20, "CD": 4}, given=False)[0] == "CD"
-
-
 def test_an_effect_that_hardly_takes_anything_away_is_no_finding() -> None:
     def step(before: float, after: float, held: bool = True) -> Any:
         found = SimpleNamespace(chi2_fit=after, chi2_held_out=after if held else float("nan"), errors=errors(after))

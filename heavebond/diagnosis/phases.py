@@ -44,9 +44,9 @@ from heavebond.diagnosis.search.stepwise import (
     Selection,
     Unsupported,
     looked_back,
+    near_the_noise,
     select_stepwise,
     supported,
-    within_the_error,
 )
 from heavebond.diagnosis.state import AddedEffect, LadderEntry
 from heavebond.estimation.comparison import Comparison
@@ -230,7 +230,8 @@ def search(state: State, task: Task) -> Iterator[State]:
     state = replace(state, selection=way, whole=way, last=last)
     yield state
     way, unsupported = supported(
-        way, task.say, lambda way: list(looked_back(way, stepping, task.say))[-1][0] if left() > 0 else way)
+        way, task.say, lambda way: list(looked_back(way, stepping, task.say))[-1][0] if left() > 0 else way,
+        lambda experiment, among: make_curve_stage(experiment, among=among, number=task.number, seconds=left()))
     if unsupported:
         last = replace(unsupported[-1].added.step, partial=last.partial)
     yield replace(state, selection=way, last=last, unsupported=tuple(unsupported))
@@ -244,12 +245,12 @@ def confirm(state: State, task: Task) -> Iterator[State]:
     last = replace(last, partial=last.partial or bool(state.ended))
     # the last step may be that of the last effect itself
     own = bool(way) and last.chosen is way[-1].chosen
-    short = own and not last.partial and len(way) < task.steps and not way[-1].is_noise and not within_the_error(way)
+    short = own and not last.partial and len(way) < task.steps and not way[-1].is_noise and not near_the_noise(way)
     steps = [*(_answered(added.step, added) for added in (way[:-1] if own else way)),
              _answered(last, way[-1]) if own else replace(last, chosen=None, cluster=())]
     confirming = Confirming(task.budget, state.experiment, state.searched, state.base, state.comparing, task.say)
     models, findings = confirming.all(way, state.models)
-    if way and not findings:
+    if confirming.ended:
         steps[-1] = replace(steps[-1], partial=True)
     yield replace(state, models=tuple(models), findings=tuple(findings), steps=tuple(steps), confirming=confirming,
                   untried=(*state.untried, *([FURTHER] if short else [])))

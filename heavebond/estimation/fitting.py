@@ -216,6 +216,15 @@ def fit(experiment: ExperimentOrFile, *, starts: int = 1, segments: int = 1, see
     return found
 
 
+def evaluated(experiment: Experiment, before: Comparison | None = None) -> Fit:
+    """The free parameters at the values of the diagram, with intervals and comparisons as after a fit, but without any step
+    of one. Raises SimulationError if the model cannot be simulated there."""
+    problem = Residuals(experiment)
+    residuals = problem.evaluate(problem.start)[0]
+    cost = float(residuals @ residuals)
+    return _finished(problem, Descent(problem.start, cost / 2, (cost,), ENDED_EARLY), [cost], before)
+
+
 def _free(name: str, given: Free | str) -> Free:
     return given if isinstance(given, Free) else Free(name, si_range(given, name), Place("free", 1, 1, f"{name}: {given}"))
 

@@ -21,7 +21,7 @@ from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.comparison import Comparison, compare, compare_record
 from heavebond.estimation.excerpts import as_long_as, cut
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_experiment
-from heavebond.estimation.fitting import Fit, fit
+from heavebond.estimation.fitting import Fit, evaluated, fit
 
 
 def loaded(experiment: ExperimentOrFile) -> Experiment:
@@ -60,9 +60,11 @@ def at_fit(experiment: Experiment, fitted: Fit | None) -> Experiment:
 def confirmed(added: SelectedEffect, given: Experiment, seconds: float = inf, before: Comparison | None = None,
               progress: Progress | None = None) -> AddedEffect:
     """The chosen effect with intervals and figures from full runs on the whole of the records; the fit begins from the
-    values of the search and ends after `seconds` with the best so far. `before` is the comparison without the effect."""
-    found = with_limits(added.candidate, fit(as_long_as(given, following(added.step)), partial=seconds < inf,
-                                             seconds=seconds, before=before, progress=progress))
+    values of the search and ends after `seconds` with the best so far; without time, the values of the search are the
+    result. `before` is the comparison without the effect."""
+    experiment = as_long_as(given, following(added.step))
+    found = with_limits(added.candidate, evaluated(experiment, before) if seconds <= 0 else fit(
+        experiment, partial=seconds < inf, seconds=seconds, before=before, progress=progress))
     own = {n.name for n in added.candidate.numbers}
     return AddedEffect(added.candidate, tuple(p for p in found.parameters if p.name in own),
                    ladder_entry(f"+ {added.candidate.label}", found.after), found, added.alternatives)
@@ -76,8 +78,9 @@ SHORTER, COMPARING = 0.03, 2.0
 @dataclass
 class Confirming:
     """Fits of effects to the whole of the `given` records, in the time that is left of the `budget`; where it does not
-    suffice for those of a selection, to the `part` that was searched: then `shorter` is set. `comparing` is how long a
-    comparison with all records takes (s), `base` the fit without effects."""
+    suffice for those of a selection, to the `part` that was searched: then `shorter` is set; if not for that either, `ended`
+    is set, and an effect keeps the values of the search. `comparing` is how long a comparison with all records takes (s),
+    `base` the fit without effects."""
 
     budget: Budget
     given: Experiment
@@ -86,9 +89,13 @@ class Confirming:
     comparing: float
     say: Progress
     shorter: bool = False
+    ended: bool = False
 
     def one(self, added: SelectedEffect, before: Comparison) -> AddedEffect | None:
-        """An effect with its intervals and figures, `before` the comparison without it; None where the time is over."""
+        """An effect with its intervals and figures, `before` the comparison without it; None if the time is over, unless the
+        fits have `ended`: then the values of the search are the result."""
+        if self.ended:
+            return confirmed(added, self.part if self.shorter else self.given, 0.0, before)
         limited = isfinite(self.budget.seconds)
         kept = SHORTER * self.budget.seconds if limited and not self.shorter and cut(self.part, self.given) else 0.0
         most = self.budget.left(kept + (0.0 if self.shorter else COMPARING * self.comparing)) if limited else inf
@@ -98,17 +105,22 @@ class Confirming:
                 added, given, most, before, lambda text: self.say(f"confirming {label}: {text}")), kept)
 
     def all(self, way: Selection, ladder: Sequence[LadderEntry]) -> tuple[list[LadderEntry], list[AddedEffect]]:
-        """The ladder with the effects of a selection, and these; none where the time suffices for neither. What the first
-        one explains by itself is not taken back because several together do not reach the noise: then it stands alone."""
+        """The models with the effects of a selection, and these effects. If the time does not suffice, they have the values
+        of the search, and the figures of the part that was searched. What the first one explains by itself is not taken
+        back because several together do not reach the noise: then it is the only one."""
+        if not way:
+            return list(ladder), []
         found = self._all(way, ladder)
         if found is None and cut(self.part, self.given):
             self.shorter = True
             first = self.budget.made(lambda: self._first(ladder))
             found = self._all(way, first) if first is not None else None
             ladder = first if first is not None and found is not None else ladder
-        self.shorter = self.shorter and found is not None
-        if not found:
-            return list(ladder), []
+        if found is None:
+            self.shorter, self.ended = cut(self.part, self.given) != "", True
+            ladder = self._first(ladder) if self.shorter else ladder
+            found = self._all(way, ladder)
+        assert found is not None
         if len(found) > 1 and is_adequate(ladder, found[:1]) and not is_adequate(ladder, found):
             found = [replace(found[0], alternatives=way[0].step.cluster)]
         found = [*(_beside_all(finding, found[-1].fit) for finding in found[:-1]), *found[-1:]]

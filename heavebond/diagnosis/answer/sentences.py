@@ -169,7 +169,8 @@ def _share(explained: float) -> str:
 
 def _mainly(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
     """The first effect with its share, and those that were added after it."""
-    share = f"It explains {_share(adequacy.explained)} % of the misfit (chi-square above the noise)"
+    share = f"{'It explains' if len(findings) == 1 else 'Together they explain'} {_share(adequacy.explained)} % of the " \
+            "misfit (chi-square above the noise)"
     enough = near_noise(findings[-1].rung)  # what is not certain then is the effect itself
     first, *others = (called(f.candidate) if f.certain else _alternatives(f) for f in findings)
     unsure = "" if findings[0].certain else _unsure(findings[:1])

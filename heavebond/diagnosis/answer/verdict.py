@@ -72,7 +72,8 @@ def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[
         if any(f.candidate.kind == VALUE for f in findings):
             return "parameters"
         return "effect" if all(f.certain for f in findings) else "one_of"
-    if findings and adequacy is not None and adequacy.stands:
+    so_far = steps[-1].partial or not complete
+    if findings and adequacy is not None and (adequacy.stands or (so_far and not adequacy.beaten)):
         return "mainly"
     if steps[-1].partial or not (complete or shape is not None):
         return "undetermined"

@@ -43,15 +43,14 @@ from heavebond.numerics.result import Probe
 
 @dataclass(frozen=True)
 class Adequacy:
-    """How far an effect explains the misfit.
+    """How far the selected effects explain the misfit.
 
-    explained: share of chi-square above the noise that it takes away, cross-validated and on held-out data; flexible:
-    the identified curve at its place that predicts best, or one at another place that explains most of what the best there
-    leaves; elsewhere: another one at another place that predicts as well as the effect or better; beaten: whether the curve
-    `flexible` explains most of what the effect leaves; covered: share of the held-out motion that lies inside the motion
-    that this curve was fitted to (NaN without one); complete: whether all
-    candidates of its step, and other values of what is held fixed, were tried beside the effect; tried: whether all
-    identified curves were.
+    explained: share of chi-square above the noise that they take away together, cross-validated and on held-out data;
+    flexible: the identified curve at the place of the first effect that predicts best, or one at another place that explains
+    most of what the best there leaves; elsewhere: another one at another place that predicts as well as the effect or
+    better; beaten: whether the curve `flexible` explains most of what the effect leaves; covered: share of the held-out
+    motion that lies inside the motion that this curve was fitted to (NaN without one); complete: whether all candidates of
+    the step, and other values of fixed parameters, were tried beside the effect; tried: whether all identified curves were.
     """
 
     explained: float
@@ -95,8 +94,9 @@ class Comparand:
 
 
 def adequacy(chosen: Refit, made: Stage, beside: Comparand, curves: Stage | None, complete: bool = True) -> Adequacy:
-    """That of the effect `chosen` at a stage; `curves` is the stage of identified curves in the place of the effect, which
-    is judged as it is `beside` what was found later; `complete` as in `Adequacy`."""
+    """That of a selection that begins at the stage `made` and ends with the refit `chosen`; `curves` is the stage of
+    identified curves in the place of its first effect, which is compared as it is `beside` the later ones; `complete` as in
+    `Adequacy`."""
     assert made.errors is not None
     misfit = made.errors.mean(*ALL) - 1.0
     left = loss(chosen) - 1.0
@@ -170,13 +170,13 @@ def judged(way: Selection, complete: bool, tried: bool, number: int | None, seco
     """The adequacy of the first effect of a ladder, and the stage of identified curves by which it was judged; None where
     that was not made to its end in `seconds`, or not `tried` at all. `complete` as in `Adequacy`."""
     law, curves = _compared(way, number, seconds, say) if tried else (_alone(way), None)
-    made = adequacy(way[0].chosen, way[0].step, law, curves, complete)
+    made = adequacy(way[-1].chosen, way[0].step, law, curves, complete)
     return made, curves if curves is not None and not curves.partial else None
 
 
 def adequacy_alone(way: Selection, complete: bool) -> Adequacy:
     """The adequacy of the first effect of a selection without any identified curve."""
-    return adequacy(way[0].chosen, way[0].step, _alone(way), None, complete)
+    return adequacy(way[-1].chosen, way[0].step, _alone(way), None, complete)
 
 
 def curve_alone(way: Selection, number: int | None, seconds: float, say: Progress) -> tuple[Refit | None, Stage | None]:

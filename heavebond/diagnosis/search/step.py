@@ -7,7 +7,7 @@ take the one that leaves least on held-out data, if it earns its place there.
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -120,13 +120,14 @@ def make_stage(experiment: Experiment, *, number: int | None = None, seconds: fl
     return _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough)
 
 
-def make_curve_stage(experiment: Experiment, *, beside: Candidate | None = None, number: int | None = None,
+def make_curve_stage(experiment: Experiment, *, beside: Candidate | None = None,
+                     among: Callable[[Candidate], bool] | None = None, number: int | None = None,
                      seconds: float = SECONDS, progress: Progress | None = None) -> Stage:
-    """A rung with identified curves only: effects without a name, at single places and, of several places at once, at those
-    of the effect `beside`."""
-    found = [c for c in candidates(experiment) if c.kind == UNKNOWN
-             and (not c.members or (beside is not None and set(c.where) == set(beside.where)))]
-    return _step(experiment, found, number, seconds, progress or (lambda text: None))
+    """A step with identified curves only: effects without a name, at single places and, of several places at once, at those
+    of the effect `beside`. With `among`, the curves for which it holds are refitted whatever their scores are."""
+    curves = [c for c in candidates(experiment) if c.kind == UNKNOWN and (among is None or among(c))
+              and (not c.members or (beside is not None and set(c.where) == set(beside.where)))]
+    return _step(experiment, curves, number, seconds, progress or (lambda text: None), always=among is not None)
 
 
 def make_calibration_stage(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS,
@@ -327,16 +328,32 @@ def _judged(base: Base, errors: PredictiveErrors, left: ResidualTests, scores: S
 
 
 def _leader(made: Stage, earned: Sequence[Refit]) -> Refit:
-    """The best on the data that select, among those that the test data do not exclude either: the first that is compared
-    as well as the one with the largest likelihood on all records, and that takes away a noticeable part where any of these
-    does. Where it leaves no more than noise, an effect that a part of the diagram has already, as a number that is absent,
-    goes before one that needs a further part."""
-    best = min(earned, key=likelihood)
+    """The trial that is named first: among the plausible ones, which the records cannot distinguish from the one with the
+    largest likelihood on all records and which take away a noticeable part if any of these does, the one that predicts the
+    selection data best; of its refinements the simplest law that leaves no more.
+
+    If the plausible ones reach the noise, chance decides which predicts best: then `merit` orders them, and a dormant
+    parameter of a part goes before an additional part.
+    """
+    plausible = _plausible(made, earned)
+    first = min(plausible, key=merit)
+    if leaves_noise(first):
+        own = [t for t in plausible if t.candidate.attaches == "in" and t.unknowns <= first.unknowns and leaves_noise(t)]
+        return min(own, key=merit, default=first)
+    first = min(plausible, key=selection_loss)
+    return simpler_law(made, first) or first
+
+
+def _plausible(made: Stage, earned: Sequence[Refit]) -> list[Refit]:
     assert made.errors is not None
-    members = compared(best, earned, made.errors).members
-    first = min([t for t in members if is_noticeable(made, t)] or members, key=merit)
-    own = [t for t in members if t.candidate.attaches == "in" and t.unknowns <= first.unknowns and leaves_noise(t)]
-    return min(own, key=merit) if own and leaves_noise(first) else first
+    members = compared(min(earned, key=likelihood), earned, made.errors).members
+    return [t for t in members if is_noticeable(made, t)] or list(members)
+
+
+def selection_loss(trial: Refit) -> float:
+    """The mean squared whitened prediction error on the selection data; without any, cross-validated on the fitted data."""
+    assert trial.errors is not None
+    return trial.errors.mean(SELECTION) if trial.errors.samples(SELECTION) else loss(trial)
 
 
 def is_noticeable(made: Stage, trial: Refit) -> bool:
@@ -399,8 +416,9 @@ def leaders(made: Stage, most: int, simplest: bool = False) -> list[Stage]:
     if not earned:
         return []
     first = _leader(made, earned)
+    plausible = _plausible(made, earned)
     families: dict[object, list[Refit]] = {}
-    for trial in [first, *(t for t in earned if merit(t) > merit(first))]:
+    for trial in [first, *(t for t in earned if t is not first and (t in plausible or merit(t) > merit(first)))]:
         families.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), []).append(trial)
     found = list(families.values())[:most]
     chosen = [family[0] for family in found]

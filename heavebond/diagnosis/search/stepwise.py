@@ -41,9 +41,9 @@ from heavebond.core.errors import HeavebondError
 from heavebond.core.presentation import number
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber, called
-from heavebond.diagnosis.candidates.places import candidates
+from heavebond.diagnosis.candidates.places import Places, candidates
 from heavebond.diagnosis.decision import DECISION
-from heavebond.diagnosis.evidence.comparison import leaves_noise
+from heavebond.diagnosis.evidence.comparison import ALL, leaves_noise, loss
 from heavebond.diagnosis.evidence.residual_tests import is_noise
 from heavebond.diagnosis.search.base_model import Base
 from heavebond.diagnosis.search.refit import Refit, refitted_from
@@ -228,7 +228,7 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
     if calibrating is not None and ways and not (last.partial or ways[0][-1].is_noise or most < 2):
         ways = _beside_calibration(last, ways, calibrating, left)
     for _ in range(2 * most):
-        if not ways or len(ways[0]) >= most or last.partial or ways[0][-1].is_noise or within_the_error(ways[0]):
+        if not ways or len(ways[0]) >= most or last.partial or ways[0][-1].is_noise or near_the_noise(ways[0]):
             break
         yield ways[0], replace(ways[0][-1].step, partial=True)
         steps: list[tuple[Stage, list[Selection]]] = []
@@ -258,19 +258,11 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
     yield (ways[0] if ways else ()), last
 
 
-def within_the_error(way: Selection) -> bool:
-    """Whether several effects leave less than the share of the first misfit that a further one must take to be named (see
-    `further_effects.supported`), and no more than is near the noise where that is given: beyond it, one that reaches it is
-    named too. After the first, a second may show that it is wrong."""
-    first, last = way[0].step, way[-1].chosen
-    if len(way) < 2:
-        return False
-    fitted = last.chi2_fit < DECISION.material * (first.chi2_fit - 1.0)
-    held = last.chi2_held_out < DECISION.material * (first.chi2_held_out - 1.0)  # (NaN where nothing is held out)
-    near = last.chi2_fit <= DECISION.near and not last.chi2_held_out > DECISION.near
-    if last.experiment.noise_given:
-        return near and fitted and (held or not last.samples_held_out)
-    return held or (fitted and (last.chi2_fit > DECISION.near or not last.samples_held_out))
+def near_the_noise(way: Selection) -> bool:
+    """Whether several effects leave a residual near the noise: a further one would be within the error of the noise. (After
+    the first effect, a second may show that the first is wrong.)"""
+    last = way[-1].chosen
+    return len(way) > 1 and last.chi2_fit <= DECISION.near and not last.chi2_held_out > DECISION.near
 
 
 def _extended(way: Selection, made: Stage) -> list[Selection]:
@@ -472,72 +464,86 @@ def _is(candidate: Candidate, wanted: Candidate, gone: Candidate) -> bool:
 
 @dataclass(frozen=True)
 class Unsupported:
-    """A further effect that is not named: the share of the first misfit (chi-square above the noise) that it takes away, and
-    its strength over the amplitude, where that was asked for; `fitted`: whether the share is small on fitted data only."""
+    """A further effect that is not named, and why: its strength is not constant over the amplitude (`constancy`), or an
+    identified `curve` in addition to an earlier effect explains most of what it explains."""
 
     added: SelectedEffect
-    share: float
-    constancy: Constancy | None
-    fitted: bool = False
+    constancy: Constancy | None = None
+    curve: Refit | None = None
 
     @property
     def words(self) -> str:
-        """Why, in a sentence."""
+        """The reason in a sentence."""
         step, chosen = self.added.step, self.added.chosen
         held = step.chi2_held_out == step.chi2_held_out  # (NaN: nothing is held out)
         before, after = (step.chi2_held_out, chosen.chi2_held_out) if held else (step.chi2_fit, chosen.chi2_fit)
-        said = f"{called(self.added.candidate)} would lower the reduced chi-square from {number(before, 3)} to " \
-               f"{number(after, 3)}, but is not named: "
-        if self.constancy is None:
-            share = number(100 * DECISION.material, 2)
-            there = f" of the fitted data ({number(step.chi2_fit, 3)} to {number(chosen.chi2_fit, 3)})"
-            where = there if self.fitted else ""
-            return said + f"it takes away less than {share} % of the misfit{where}, within the error of the laws that " \
-                "were found."
+        refused = f"{called(self.added.candidate)} would lower the reduced chi-square from {number(before, 3)} to " \
+                  f"{number(after, 3)}, but is not named: "
+        if self.curve is not None:
+            left = self.curve.chi2_held_out if held else self.curve.chi2_fit
+            return refused + f"another law {self.curve.candidate.place}, as an identified curve, explains most of that " \
+                             f"as well ({number(left, 3)})."
+        assert self.constancy is not None
         low, high = min(self.constancy.strength), max(self.constancy.strength)
-        return said + "its strength is not the same at small and large motion " \
-                      f"({number(low, 2)} to {number(high, 2)} times the fitted one where it may vary)."
+        return refused + "its strength is not the same at small and large motion " \
+                         f"({number(low, 2)} to {number(high, 2)} times the fitted one where it may vary)."
 
 
-def supported(way: Selection, say: Progress, looked_back: Callable[[Selection], Selection] = lambda way: way
+def supported(way: Selection, say: Progress, looked_back: Callable[[Selection], Selection] = lambda way: way,
+              curves: Callable[[Experiment, Callable[[Candidate], bool]], Stage] | None = None
               ) -> tuple[Selection, list[Unsupported]]:
-    """The effects of a ladder that are named, and those at its end that are not, the last one first. What remains without
-    one is `looked_back` on: what it may be was judged beside what is not named."""
+    """The effects of a selection that are named, and those at its end that are not, the last one first.
+
+    A further effect is judged against the residual before it, of which `worth_it` demands a noticeable share. No law is
+    exact, and what remains may be the error of an earlier law, which another law may imitate on all records of one kind. So
+    a further effect that does not reach the noise is named only if its strength is the same at small and at large motion,
+    and if no identified curve at the place of an earlier effect, added to it, explains most of what the further effect
+    explains (`curves` makes a step of those identified curves for which a predicate holds). An effect at the place of an
+    earlier one is part of the law there.
+
+    The selection without an effect is `looked_back` on, since its alternatives were judged beside that effect.
+    """
     dropped: list[Unsupported] = []
     while len(way) > 1 and not _reaches_the_noise(way[-1]):
-        share, found = material_share(way), None
-        if share >= DECISION.material:
-            say(f"is {way[-1].candidate.label} the same at all amplitudes?")
-            found = _constancy(way[-1])
-            if found is None or not found.differs:
-                break
-        dropped.append(Unsupported(way[-1], share, found, _shares(way)[1] >= DECISION.material))
+        last, at_earlier = way[-1], _at_earlier_place(way)
+        if at_earlier(last.candidate):
+            break
+        say(f"is {last.candidate.label} the same at all amplitudes?")
+        strength = _constancy(last)
+        reason = Unsupported(last, constancy=strength) if strength is not None and strength.differs else None
+        if reason is None and curves is not None:
+            say(f"would another law of the earlier effects explain as much as {last.candidate.label}?")
+            trials = curves(last.step.experiment, at_earlier).trials
+            best = min((t for t in trials if t.errors is not None), key=loss, default=None)
+            if best is not None and _explains_most(best, last):
+                reason = Unsupported(last, curve=best)
+        if reason is None:
+            break
+        dropped.append(reason)
         way = looked_back(way[:-1])
+        if len(way) == 1 and (first := leaders(way[0].step, 1)):  # alone, another one may predict better
+            way = (SelectedEffect(first[0], first[0].cluster),)
     return way, dropped
+
+
+def _at_earlier_place(way: Selection) -> Callable[[Candidate], bool]:
+    """Whether a candidate of the last step is at the place of an effect before the last one."""
+    step = way[-1].step
+    earlier = {Places.of(added.step.experiment, step.as_one).place(added.candidate) for added in way[:-1]}
+    return lambda candidate: step.places.place(candidate) in earlier
+
+
+def _explains_most(curve: Refit, added: SelectedEffect) -> bool:
+    """Whether a curve takes away most of what an added effect takes away from the residual before it."""
+    assert added.step.errors is not None
+    before = added.step.errors.mean(*ALL)
+    return before - loss(curve) > DECISION.mainly * (before - loss(added.chosen))
 
 
 def _reaches_the_noise(added: SelectedEffect) -> bool:
     """Whether the given noise is left with an effect, and clearly more than that without it."""
     before = added.step.chi2_held_out if added.step.samples_held_out else added.step.chi2_fit
     return added.chosen.experiment.noise_given and leaves_noise(added.chosen) and before > DECISION.near
-
-
-def material_share(way: Selection) -> float:
-    """The share of the first misfit (chi-square above the noise) that the last effect of a ladder takes away: the smaller of
-    that on fitted and that on held-out data; that on held-out data where the fitted data are near their noise without it,
-    as they are where free parameters take its part in them. (Errors predicted without a block of time are no measure of it:
-    where a block alone determines a number of the effect, as a rim that is met once, they are too large.)"""
-    fitted, held = _shares(way)
-    if held != held:  # (NaN: nothing is held out)
-        return fitted
-    return held if way[-1].step.chi2_fit <= DECISION.near else min(fitted, held)
-
-
-def _shares(way: Selection) -> tuple[float, float]:
-    """The shares of the first misfit that the last effect takes away, on fitted and on held-out data (NaN without these)."""
-    first, last = way[0].step, way[-1]
-    return ((last.step.chi2_fit - last.chosen.chi2_fit) / max(first.chi2_fit - 1.0, 1e-9),
-            (last.step.chi2_held_out - last.chosen.chi2_held_out) / max(first.chi2_held_out - 1.0, 1e-9))
 
 
 def _constancy(added: SelectedEffect) -> Constancy | None:
