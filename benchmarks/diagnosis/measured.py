@@ -7,13 +7,16 @@
 
 FOLDER holds the records as text, in one folder for each set. They are not bundled. The sets are data: `measured/sets.yaml`
 has their sources, the effects that are known to be missing and the published errors, `measured/NAME.yaml` the diagram and
-`measured/NAME_records.yaml` the experiment. `--seconds` is the limit of each diagnosis. An error is the root mean square in
-the unit of the channel.
+`measured/NAME_records.yaml` the experiment. `--seconds` is the limit of each diagnosis; with `--processor` it counts
+processor time, so that the answers do not depend on the load of the computer. An error is the root mean square in the unit
+of the channel.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+import signal
 import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,6 +27,7 @@ import yaml
 
 import heavebond as hb
 from benchmarks.diagnosis import keeping
+from heavebond.core import cancellation
 from heavebond.core.errors import HeavebondError
 from heavebond.diagnosis.diagnosis import Diagnosis
 from heavebond.estimation.comparison import Comparison
@@ -86,7 +90,7 @@ def errors(comparison: Comparison) -> dict[str, dict[str, list[object]]]:
 def row(name: str, found: Diagnosis, processor: float, classes: Sequence[str]) -> dict[str, object]:
     """The result of a set, diagnosed with the effects of these `classes` (empty: all)."""
     answer = found.as_dict()
-    answer["ranking"] = [step[:RANKED] for step in answer["ranking"]]  # type: ignore[index, attr-defined]
+    answer["ranking"] = [step[:RANKED] for step in answer["ranking"]]  # type: ignore[attr-defined]
     return {"key": name, "verdict": found.verdict, "words": found.words, "processor": processor, "classes": classes,
             "partial": any(s.partial for s in found.steps),
             "effects": [[f.candidate.label, f.candidate.kind, len(f.alternatives)] for f in found.findings],
@@ -125,17 +129,27 @@ def diagnosis(name: str, folder: Path, seconds: float, samples: int | None, clas
         return {**result, "places": {"words": [str(error)]}}
 
 
+def count_processor_time() -> None:
+    """Let all limits of time in this process count its processor time (for one process without workers)."""
+    clock.perf_counter = clock.process_time
+    signal.signal(signal.SIGPROF, lambda number, frame: os.kill(os.getpid(), signal.SIGALRM))
+    cancellation.set_timer = lambda seconds: signal.setitimer(signal.ITIMER_PROF, seconds)[0]
+
+
 def main() -> None:
     """The sets named, or all that are not on disk."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("sets", nargs="*", help="those to be diagnosed again, bundled experiments or files of experiments")
     parser.add_argument("--seconds", type=float, default=SECONDS)
+    parser.add_argument("--processor", action="store_true", help="`--seconds` are processor time")
     parser.add_argument("--samples", type=int, help="of long records, for the search")
     parser.add_argument("--only", action="append", default=[], metavar="CLASS", help="effects of this class")
     parser.add_argument("--base", action="store_true", help="fit the diagrams, diagnose nothing")
     parser.add_argument("--study", help="file of the results, without ending")
     given = parser.parse_args()
+    if given.processor:
+        count_processor_time()
     folder, study = given.folder.resolve(), given.study or (f"{STUDY}_base" if given.base else STUDY)
     done = keeping.read(study)
     for name in given.sets or [n for n in SETS if n not in done]:
