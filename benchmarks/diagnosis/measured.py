@@ -87,11 +87,11 @@ def errors(comparison: Comparison) -> dict[str, dict[str, list[object]]]:
             for record, part in comparison.records.items()}
 
 
-def row(name: str, found: Diagnosis, processor: float, classes: Sequence[str]) -> dict[str, object]:
+def row(found: Diagnosis, processor: float, classes: Sequence[str]) -> dict[str, object]:
     """The result of a set, diagnosed with the effects of these `classes` (empty: all)."""
     answer = found.as_dict()
     answer["ranking"] = [step[:RANKED] for step in answer["ranking"]]  # type: ignore[attr-defined]
-    return {"key": name, "verdict": found.verdict, "words": found.words, "processor": processor, "classes": classes,
+    return {"verdict": found.verdict, "words": found.words, "processor": processor, "classes": classes,
             "partial": any(s.partial for s in found.steps),
             "effects": [[f.candidate.label, f.candidate.kind, len(f.alternatives)] for f in found.findings],
             "shape": found.shape and found.shape.candidate.label, "errors": [errors(r.comparison) for r in found.ladder],
@@ -112,7 +112,7 @@ def base(name: str, folder: Path) -> dict[str, object]:
     """The fit of the diagram without any effect."""
     began = clock.process_time()
     fitted = hb.fit(experiment(name, folder))
-    return {"key": name, "processor": clock.process_time() - began,
+    return {"processor": clock.process_time() - began,
             "parameters": [[p.name, p.record, p.value, p.unit, p.at_bound] for p in fitted.parameters],
             "uses": {n: r.use for n, r in fitted.experiment.records.items()},
             "before": errors(fitted.before), "after": errors(fitted.after)}
@@ -122,7 +122,7 @@ def diagnosis(name: str, folder: Path, seconds: float, samples: int | None, clas
     """The answer of a set and the places of `localize`, with their processor times."""
     began = clock.process_time()
     found = hb.diagnose(experiment(name, folder), number=1, seconds=seconds, samples=samples, classes=classes)
-    result = row(name, found, clock.process_time() - began, classes)
+    result = row(found, clock.process_time() - began, classes)
     try:
         return {**result, "places": places(name, folder)}
     except HeavebondError as error:
@@ -156,6 +156,7 @@ def main() -> None:
         try:
             result = base(name, folder) if given.base else diagnosis(
                 name, folder, given.seconds, given.samples, given.only)
+            result["key"] = "/".join(Path(name).with_suffix("").parts[-2:])
         except HeavebondError as error:
             print(f"{name}: {error}", flush=True)
             continue
