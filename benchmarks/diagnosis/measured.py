@@ -4,6 +4,7 @@
     python -m benchmarks.diagnosis.measured FOLDER silverbox            this one again
     python -m benchmarks.diagnosis.measured FOLDER --base               only fits of the diagrams, without a diagnosis
     python -m benchmarks.diagnosis.measured FOLDER passive_rig/friction a bundled experiment, or the path of one
+    python -m benchmarks.diagnosis.measured FOLDER --table              the results on disk, beside what is known
 
 FOLDER holds the records as text, in one folder for each set. They are not bundled. The sets are data: `measured/sets.yaml`
 has their sources, the effects that are known to be missing and the published errors, `measured/NAME.yaml` the diagram and
@@ -82,9 +83,8 @@ def experiment(name: str, folder: Path) -> Experiment:
 
 
 def errors(comparison: Comparison) -> dict[str, dict[str, list[object]]]:
-    """Error of each channel of each record: root mean square, its unit, and its share of what was measured."""
-    return {record: {c.name: [c.error, c.unit, c.relative] for c in part.channels.values()}
-            for record, part in comparison.records.items()}
+    """Error of each channel of each record and held-out part: root mean square, its unit, its share of what was measured."""
+    return {part.name: {c.name: [c.error, c.unit, c.relative] for c in part.channels.values()} for part in comparison.parts}
 
 
 def row(found: Diagnosis, processor: float, classes: Sequence[str]) -> dict[str, object]:
@@ -129,6 +129,43 @@ def diagnosis(name: str, folder: Path, seconds: float, samples: int | None, clas
         return {**result, "places": {"words": [str(error)]}}
 
 
+def right_levels(candidate: Mapping[str, Any], effect: Mapping[str, Any]) -> list[str]:
+    """The levels at which a named candidate agrees with an effect that is known to be missing."""
+    chain = candidate["place"].startswith(("before ", "in the channel "))
+    agrees = {"side": chain == (effect["side"] == "measuring chain"),
+              "place": set(candidate["where"]) in [set(place) for place in effect["places"]],
+              "class": candidate["class"] in effect["classes"], "law": candidate["component"] in effect["laws"]}
+    return [level for level, right in agrees.items() if right]
+
+
+def table(rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """Results of sets as Markdown: for each named effect the known effect with which it agrees best and at which levels, as
+    it is named first and with the alternatives that are named beside it; errors on the last held-out record."""
+    lines = ["| set | known | answer | right, first name | right, any name | held-out error | published | s |",
+             "|---|---|---|---|---|---|---|---|"]
+    for name, result in rows.items():
+        if name not in SETS:
+            continue
+        entry = SETS[name]
+        named, first, inside = list[str](), list[str](), list[str]()
+        for step in result["answer"]["steps"]:
+            named.append(f"{step['class']} {step['place']} (1 of {len(step['one_of'])})")
+            for levels, candidates in ((first, [step]), (inside, step["one_of"])):
+                pairs = [(right_levels(c, e), e["effect"]) for c in candidates for e in entry.effects]
+                best, effect = max(pairs, key=lambda pair: len(pair[0]))
+                levels.append(f"{', '.join(best)} ({effect})" if best else "none")
+        record = list(result["errors"][0])[-1]
+        held_out = [", ".join(f"{error:.3g} {unit}" for error, unit, _ in errors_of[record].values())
+                    for errors_of in result["errors"][1:]]
+        published = " / ".join(f"{p['figure']} ({p['model']})" for p in entry.published if p["record"] == record) or "none"
+        lines.append("| " + " | ".join((
+            name, "; ".join(e["effect"] for e in entry.effects if not e.get("minor")),
+            f"{result['verdict']}: {'; '.join(named) or '-'}{' (ended early)' if result['partial'] else ''}",
+            "; ".join(first) or "-", "; ".join(inside) or "-", " to ".join(held_out), published,
+            f"{result['processor']:.0f}")) + " |")
+    return "\n".join(lines)
+
+
 def count_processor_time() -> None:
     """Let all limits of time in this process count its processor time (for one process without workers)."""
     clock.perf_counter = clock.process_time
@@ -146,12 +183,16 @@ def main() -> None:
     parser.add_argument("--samples", type=int, help="of long records, for the search")
     parser.add_argument("--only", action="append", default=[], metavar="CLASS", help="effects of this class")
     parser.add_argument("--base", action="store_true", help="fit the diagrams, diagnose nothing")
+    parser.add_argument("--table", action="store_true", help="print the results on disk")
     parser.add_argument("--study", help="file of the results, without ending")
     given = parser.parse_args()
     if given.processor:
         count_processor_time()
     folder, study = given.folder.resolve(), given.study or (f"{STUDY}_base" if given.base else STUDY)
     done = keeping.read(study)
+    if given.table:
+        print(table(done))
+        return
     for name in given.sets or [n for n in SETS if n not in done]:
         try:
             result = base(name, folder) if given.base else diagnosis(
