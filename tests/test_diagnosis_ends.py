@@ -252,13 +252,14 @@ def test_a_curve_takes_no_name_where_it_leaves_more_than_effects_of_which_the_la
     monkeypatch.setattr(phases, "SelectedEffect", lambda *given: given)
     step = Stage(cast(Any, None), {}, 0.0, 1, 1.0, 1.0, 1, (), ResidualTests(0, 0, 0, 9), (), (), None, (), {}, (), False,
                  0.0)
-    models = (cast(Any, SimpleNamespace(comparison=None)),) * 2
+    models = (cast(Any, SimpleNamespace(comparison=None)),) * 4
     confirming = cast(Any, SimpleNamespace(one=lambda *given: "shape"))
     task = phases.Task(Budget(float("inf")), 1, 1, (), None, lambda text: None, lambda models: None)
 
     def named(whole: tuple[Any, ...]) -> tuple[Any, Any]:
-        state = phases.State(cast(Any, None), cast(Any, None), models=models, selection=cast(Any, (offset,)),
-                             whole=cast(Any, whole), findings=(cast(Any, offset),), steps=(step,), confirming=confirming)
+        state = phases.State(cast(Any, None), cast(Any, None), models=models, selection=cast(Any, whole),
+                             doubtful=cast(Any, whole[1:]), findings=(cast(Any, offset),), steps=(step,),
+                             confirming=confirming)
         *_, state = phases._without_name(state, task, 1e9)
         return state.shape, state.adequacy
 

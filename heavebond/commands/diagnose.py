@@ -74,8 +74,7 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     with finishing(terminal.warn):
         terminal.show(diagnosis_items(found))
         targets = Targets.beside(given, folder)  # another command may have written there meanwhile
-        added = [*found.findings, *([found.shape] if found.shape is not None else [])]
-        files = write_findings(given, added, targets)
+        files = write_findings(given, found.added, targets)
         proposed = write_proposal(found.separation, targets.proposal) if found.separation is not None else []
     # who ends a search waits for its answer alone
     places = None if found.partial else _where(found, budget)
@@ -111,11 +110,10 @@ def _where(found: Diagnosis, budget: Budget) -> Localization | None:
     from heavebond.core.errors import HeavebondError
     from heavebond.localise.misfit import localize
 
-    added = [*found.findings, *([found.shape] if found.shape is not None else [])]
     try:
         with terminal.working("looking where it fails") as progress:
             return budget.made(lambda: localize(found.searched, values=found.fitted, progress=progress,
-                                                besides=[frozenset(f.candidate.where) for f in added]))
+                                                besides=[frozenset(f.candidate.where) for f in found.added]))
     except HeavebondError:
         return None
 

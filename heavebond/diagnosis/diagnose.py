@@ -84,6 +84,7 @@ class Diagnosis:
     words: tuple[str, ...]
     ladder: tuple[LadderEntry, ...]
     findings: tuple[AddedEffect, ...]
+    doubtful: tuple[AddedEffect, ...]
     steps: tuple[Stage, ...]
     shape: AddedEffect | None
     fitted: Fit | None
@@ -130,8 +131,12 @@ class Diagnosis:
     @property
     def last(self) -> Experiment:
         """The experiment on the last diagram of the ladder."""
-        found = [*self.findings, *([self.shape] if self.shape is not None else [])]
-        return found[-1].fit.experiment if found else self.experiment
+        return self.added[-1].fit.experiment if self.added else self.experiment
+
+    @property
+    def added(self) -> tuple[AddedEffect, ...]:
+        """The findings, the further effects that are not certain, and the identified curve."""
+        return (*self.findings, *self.doubtful, *([self.shape] if self.shape is not None else []))
 
     def as_dict(self) -> dict[str, object]:
         """Everything for machines."""
@@ -139,7 +144,7 @@ class Diagnosis:
             "verdict": self.verdict, "words": list(self.words), "probabilities": [e.as_dict() for e in self.events],
             "partial": self.partial, "not_tried": list(self.untried),
             "lost": sorted({label for stage in self.steps for label in stage.lost}),
-            "steps": [f.as_dict() for f in self.findings],
+            "steps": [f.as_dict() for f in self.findings], "uncertain": [f.as_dict() for f in self.doubtful],
             "shape": self.shape and self.shape.as_dict(), "ladder": [r.as_dict() for r in self.ladder],
             "ranking": [as_dicts(entries(s)) for s in self.steps],
             "noise": {name: {"value": value, "unit": unit, "given": given}
@@ -201,23 +206,23 @@ def _answer(state: State, task: Task) -> Diagnosis:
     noise = _noise(state.models[0].comparison) if state.models else {}
     budget = task.budget
     if not state.steps or state.searched is None:
-        return Diagnosis(state.given, "undetermined", before_search(state.models, state.base), state.models, (), (), None,
-                         state.base, noise, budget.spent, None, state.given, None, (EFFECTS, VALUES, CURVES))
+        return Diagnosis(state.given, "undetermined", before_search(state.models, state.base), state.models, (), (), (),
+                         None, state.base, noise, budget.spent, None, state.given, None, (EFFECTS, VALUES, CURVES))
     said, steps, findings, models = state.verdict, state.steps, state.findings, state.table
     first = models[0].comparison
     words = (*sentences(said, models, findings, steps, state.shape, state.adequacy),
              *map(equivalent_value_words, state.values),
              *acting_as_values(findings, steps, [t.candidate.name for t in state.values]),
              *(state.separation.words if state.separation is not None else ()),
-             *(u.words for u in reversed(state.unsupported) if findings and said not in ("effect", "one_of", "parameters")),
+             *(effect.doubt for effect in state.doubtful),
              *residual_notes(said, state.remainder, steps),
              *lost_candidates(steps), *broken_candidates(said, steps), *closed_loops(first),
              *own_start_words(state.given, state.base, state.added[-1].fit if state.added else state.base),
              *wrong_starts(said, models[-1].comparison), *so_far(steps, state.untried),
              *search_limits(task.classes, cut(state.searched, state.experiment),
                             state.confirming is not None and state.confirming.shorter))
-    answer = Diagnosis(state.given, said, words, models, findings, steps, state.shape, state.base, noise, budget.spent,
-                       state.separation, state.searched, state.adequacy, state.untried, state.remainder,
+    answer = Diagnosis(state.given, said, words, models, findings, state.doubtful, steps, state.shape, state.base, noise,
+                       budget.spent, state.separation, state.searched, state.adequacy, state.untried, state.remainder,
                        evidence(steps, state.value_step, sheet_p_value(state.base)), bool(task.classes))
     if said in ("effect", "one_of", "mainly"):
         alone = more_probable_alone(answer.events, answer.named_first, [called(f.candidate) for f in findings[1:]])

@@ -43,10 +43,9 @@ from heavebond.diagnosis.search.stepwise import (
     SelectedEffect,
     Selection,
     Unsupported,
-    looked_back,
+    doubts,
     near_the_noise,
     select_stepwise,
-    supported,
 )
 from heavebond.diagnosis.state import AddedEffect, LadderEntry
 from heavebond.estimation.comparison import Comparison
@@ -82,12 +81,13 @@ class State:
     given: the experiment as it was given; experiment: the same with a start of its own for each record if they need one;
     models: the table of models, each with its errors; base: the fit of the free parameters; comparing: the duration of a
     comparison with all records (s); kept: the time (s) that is kept for the closing phases. searched: the experiment on the
-    samples that are searched; selection, last: the effects that the search selected and its last step; whole: the selection
-    with effects that are not named; unsupported: why these are not; steps, findings: the steps and named effects of the
-    answer; confirming: the fits to all samples. values: fixed values that the records cannot distinguish from the findings;
+    samples that are searched; selection, last: the effects that the search selected and its last step; doubts: which of them
+    are not certain, and why; steps, findings, doubtful: the steps, certain effects and uncertain effects of the answer;
+    confirming: the fits to all samples. values: fixed values that the records cannot distinguish from the findings;
     value_step: the step of all fixed values; shape: the identified curve in place of a name; adequacy, remainder: see
     `evidence.flexible_laws`. verdict, separation: see `Diagnosis`. untried: parts of the search that were not completed;
-    ended: the phases that were ended early. """
+    ended: the phases that were ended early.
+    """
 
     given: Experiment
     experiment: Experiment
@@ -98,10 +98,10 @@ class State:
     searched: Experiment | None = None
     selection: Selection = ()
     last: Stage | None = None
-    whole: Selection = ()
-    unsupported: tuple[Unsupported, ...] = ()
+    doubts: tuple[Unsupported, ...] = ()
     steps: tuple[Stage, ...] = ()
     findings: tuple[AddedEffect, ...] = ()
+    doubtful: tuple[AddedEffect, ...] = ()
     confirming: Confirming | None = None
     values: tuple[Refit, ...] = ()
     value_step: Stage | None = None
@@ -125,8 +125,8 @@ class State:
 
     @property
     def added(self) -> tuple[AddedEffect, ...]:
-        """The findings, and the identified curve."""
-        return (*self.findings, *([self.shape] if self.shape is not None else []))
+        """The findings, the effects that are not certain, and the identified curve."""
+        return (*self.findings, *self.doubtful, *([self.shape] if self.shape is not None else []))
 
     @property
     def table(self) -> tuple[LadderEntry, ...]:
@@ -136,7 +136,7 @@ class State:
     @property
     def before_findings(self) -> tuple[LadderEntry, ...]:
         """The models without effects."""
-        return self.models[:len(self.models) - len(self.findings)]
+        return self.models[:len(self.models) - len(self.findings) - len(self.doubtful)]
 
     def without(self, what: str) -> State:
         """The state with one more part of the search that was not completed."""
@@ -223,18 +223,14 @@ def search(state: State, task: Task) -> Iterator[State]:
         if last is not None and (last.left.significant or last.partial):
             break
         for way, last in select_stepwise(at_fit(searched, state.base), stepping, task.say, task.steps, left, calibrating):
-            state = replace(state, searched=searched, selection=way, whole=way, last=last, untried=tuple(cut_short))
+            state = replace(state, searched=searched, selection=way, last=last, untried=tuple(cut_short))
             yield state
     assert last is not None
     way, last = _noticeable(state.selection, last)
-    state = replace(state, selection=way, whole=way, last=last)
+    state = replace(state, selection=way, last=last)
     yield state
-    way, unsupported = supported(
-        way, task.say, lambda way: list(looked_back(way, stepping, task.say))[-1][0] if left() > 0 else way,
-        lambda experiment, among: make_curve_stage(experiment, among=among, number=task.number, seconds=left()))
-    if unsupported:
-        last = replace(unsupported[-1].added.step, partial=last.partial)
-    yield replace(state, selection=way, last=last, unsupported=tuple(unsupported))
+    yield replace(state, doubts=tuple(doubts(way, task.say, lambda experiment, among: make_curve_stage(
+        experiment, among=among, number=task.number, seconds=left()))))
 
 
 def confirm(state: State, task: Task) -> Iterator[State]:
@@ -249,10 +245,13 @@ def confirm(state: State, task: Task) -> Iterator[State]:
     steps = [*(_answered(added.step, added) for added in (way[:-1] if own else way)),
              _answered(last, way[-1]) if own else replace(last, chosen=None, cluster=())]
     confirming = Confirming(task.budget, state.experiment, state.searched, state.base, state.comparing, task.say)
-    models, findings = confirming.all(way, state.models)
+    models, added = confirming.all(way, state.models)
+    sure = min(len(way) - len(state.doubts), len(added))
+    doubtful = tuple(replace(effect, doubt=doubt.words) for effect, doubt in zip(added[sure:], state.doubts, strict=False))
     if confirming.ended:
         steps[-1] = replace(steps[-1], partial=True)
-    yield replace(state, models=tuple(models), findings=tuple(findings), steps=tuple(steps), confirming=confirming,
+    yield replace(state, models=tuple(models), findings=tuple(added[:sure]), doubtful=doubtful,
+                  steps=tuple(steps), confirming=confirming,
                   untried=(*state.untried, *([FURTHER] if short else [])))
 
 
@@ -273,7 +272,7 @@ def try_fixed_values(state: State, task: Task) -> Iterator[State]:
         seconds=task.budget.left(state.kept),
         progress=lambda text: task.say(f"trying other values of what is held fixed: {text}"))
     if (value := _value(made, confirm_one, state.before_findings)) is not None:
-        yield replace(state, models=(*state.before_findings, value.rung), findings=(value,), value_step=made,
+        yield replace(state, models=(*state.before_findings, value.rung), findings=(value,), doubtful=(), value_step=made,
                       steps=(replace(state.steps[0], chosen=None, cluster=()), made))
         return
     if made.partial:
@@ -325,7 +324,7 @@ def decide(state: State, task: Task) -> Iterator[State]:
     if state.adequacy is None and state.unexplained and state.selection and state.findings \
             and state.findings[0].candidate is state.selection[0].candidate:
         complete = not state.steps[0].partial and VALUES not in state.untried
-        state = replace(state.without(CURVES), adequacy=adequacy_alone(state.selection, complete))
+        state = replace(state.without(CURVES), adequacy=adequacy_alone(state.selection[:len(state.findings)], complete))
     said = verdict(state.base, state.table, state.findings, state.steps, state.shape, state.adequacy,
                    not {VALUES, CURVES} & set(state.untried))
     state = replace(state, verdict=said)
@@ -344,8 +343,8 @@ FIRST: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts)
 
 def _without_name(state: State, task: Task, seconds: float) -> Iterator[State]:
     """The state with the adequacy of the first finding. If an identified curve explains most of what is left, and nothing
-    was found beside it, or one alone leaves less than all findings, it replaces the name. Effects that are not named, as in
-    the `whole` selection, are no name, yet may explain more than a curve."""
+    was found beside it, or one alone leaves less than all findings, it replaces the name. Effects that are not
+    certain may explain more than a curve, too."""
     assert state.confirming is not None
     task.say("fitting identified curves in place of the effect")
     way, confirm_one = state.selection[:len(state.findings)], state.confirming.one
@@ -363,7 +362,7 @@ def _without_name(state: State, task: Task, seconds: float) -> Iterator[State]:
         curve, curves = curve_alone(way, task.number, seconds, task.say)
     if curve is None or curves is None:
         return
-    if len(state.whole) > len(state.findings) and not better(curve, state.whole[-1].chosen):
+    if state.doubtful and not better(curve, state.selection[-1].chosen):
         yield replace(state, adequacy=replace(found, beaten=False))
         return
     without = state.before_findings
@@ -371,7 +370,8 @@ def _without_name(state: State, task: Task, seconds: float) -> Iterator[State]:
     if shape is None:
         yield state.without(CURVES)
         return
-    yield replace(state, models=without, findings=(), steps=(replace(state.steps[0], chosen=None, cluster=()),), shape=shape)
+    step = replace(state.steps[0], chosen=None, cluster=())
+    yield replace(state, models=without, findings=(), doubtful=(), steps=(step,), shape=shape)
 
 
 def _unconfirmed(added: SelectedEffect) -> dict[str, object]:

@@ -63,14 +63,15 @@ class ChannelError:
 
 @dataclass(frozen=True)
 class AddedEffect:
-    """An effect that was added: the candidate, the numbers that it was fitted with, the model with it, and what the
-    records cannot tell from it."""
+    """An effect that was added: the candidate, the numbers that it was fitted with, the model with it, and the candidates
+    that the records cannot distinguish from it. `doubt`: why a further effect is not certain, in a sentence."""
 
     candidate: Candidate
     parameters: tuple[Fitted, ...]
     rung: LadderEntry
     fit: Fit
     alternatives: tuple[Refit, ...]
+    doubt: str = ""
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -109,7 +110,7 @@ class AddedEffect:
                 "parameters": {p.name: p.as_dict() for p in self.parameters},
                 "error_fit": self.rung.error_fit, "error_held_out": self.rung.error_held_out,
                 "chi2_fit": self.rung.chi2_fit, "chi2_held_out": self.rung.chi2_held_out,
-                "one_of": [t.candidate.as_dict() for t in self.alternatives]}
+                "one_of": [t.candidate.as_dict() for t in self.alternatives], "doubt": self.doubt}
 
 
 def ladder_entry(name: str, comparison: Comparison) -> LadderEntry:

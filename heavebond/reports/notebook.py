@@ -97,7 +97,8 @@ def fit_html(fit: Fit) -> Html:
 
 def diagnosis_html(diagnosis: Diagnosis) -> Html:
     """A diagnosis: its verdict in words, probabilities, the errors of the models, and the parameters of each finding."""
-    tables = [*probability_table(diagnosis), ladder_table(diagnosis.ladder, "model"), *map(effect_table, diagnosis.findings)]
+    effects = (*diagnosis.findings, *diagnosis.doubtful)
+    tables = [*probability_table(diagnosis), ladder_table(diagnosis.ladder, "model"), *map(effect_table, effects)]
     return element("div", _heading(diagnosis.experiment.name, f"verdict {diagnosis.verdict}"), _list(diagnosis.words),
                    *_items(tables))
 

@@ -151,13 +151,12 @@ def _machine(diagnosis: Diagnosis, where: Localization | None) -> Html:
 
 
 def _marks(diagnosis: Diagnosis) -> dict[str, str]:
-    found = [*diagnosis.findings, *([diagnosis.shape] if diagnosis.shape is not None else [])]
     marks = {}
-    for k, finding in enumerate(found, 1):
+    for k, finding in enumerate(diagnosis.added, 1):
         candidate = finding.candidate
         # a dormant parameter has no picture of its own; its component has
         name = candidate.where[0] if candidate.attaches == "in" else candidate.name
-        marks[name] = candidate.kind if len(found) == 1 else f"{k}: {candidate.kind}"
+        marks[name] = candidate.kind if len(diagnosis.added) == 1 else f"{k}: {candidate.kind}"
     return marks
 
 
@@ -182,7 +181,7 @@ def _found(diagnosis: Diagnosis) -> Html:
     """Each effect with its parameters, and the candidates that cannot be distinguished from it."""
     parts = [element("h3", PROBABILITY), table(("explanation", "probability"), [e.row for e in diagnosis.events],
                                                numbers=(1,))] if diagnosis.events else []
-    parts += [_finding(k, f) for k, f in enumerate(diagnosis.findings, 1)]
+    parts += [_finding(k, f) for k, f in enumerate((*diagnosis.findings, *diagnosis.doubtful), 1)]
     shape = diagnosis.shape
     if shape is not None:
         parts += [element("h3", f"A curve without a name: {shape.candidate.description} {shape.candidate.place}"),
@@ -299,8 +298,7 @@ def _tried(diagnosis: Diagnosis) -> Html:
 
 def _last_fit(diagnosis: Diagnosis) -> Fit | None:
     """The fit of the last model."""
-    found = diagnosis.shape or (diagnosis.findings[-1] if diagnosis.findings else None)
-    return found.fit if found is not None else diagnosis.fitted
+    return diagnosis.added[-1].fit if diagnosis.added else diagnosis.fitted
 
 
 # -- how to go on ------------------------------------------------------------------------------------------------------

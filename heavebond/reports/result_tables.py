@@ -192,7 +192,7 @@ def diagnosis_items(found: Diagnosis) -> list[Item]:
               for k, step in enumerate(found.steps, 1) if step.trials]
     if found.verdict == "parameters" and found.fitted is not None:
         items.append(fitted_parameters(found.fitted))
-    items += [effect_table(finding) for finding in (*found.findings, *([found.shape] if found.shape is not None else []))]
+    items += [effect_table(finding) for finding in found.added]
     return [*items, *probability_table(found), *map(Line, found.words)]
 
 

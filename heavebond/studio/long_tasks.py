@@ -151,9 +151,8 @@ def diagnosed(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
     found = diagnose(experiment, steps=int(given.get("steps", 5)), seconds=float(given.get("seconds", 600)),
                      classes=[str(c) for c in given.get("classes", ())], progress=job.progress,
                      growing=lambda rungs: job.tell("ladder", rungs))
-    added = [*found.findings, *([found.shape] if found.shape is not None else [])]
-    adds = [{"label": f"{f.candidate.kind} {f.candidate.place}", "count": k} for k, f in enumerate(added, 1)]
-    chosen = {f.candidate.label for f in added}
+    adds = [{"label": f"{f.candidate.kind} {f.candidate.place}", "count": k} for k, f in enumerate(found.added, 1)]
+    chosen = {f.candidate.label for f in found.added}
     others = [{"label": f"{e['effect']} {e.candidate.place}", "kind": e.candidate.kind, "component": e["effect"],
                "where": list(e.candidate.where), "chi2": e["chi2_held_out"]}
               for step in found.steps[:1] for e in entries(step)
@@ -161,7 +160,7 @@ def diagnosed(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
     return _result("diagnose", diagnosis_items(found), found.as_dict(), found.partial, adds=adds, others=others,
                    ladder=[rung_entry(r.as_dict()) for r in found.ladder], verdict=found.verdict), {}, \
         lambda asked: [_write_report(found, _folder(path, given))] if asked.get("report") else \
-        _write_added(experiment, added[:int(asked.get("count", len(added)))], _folder(path, given))
+        _write_added(experiment, found.added[:int(asked.get("count", len(found.added)))], _folder(path, given))
 
 
 def _write_report(found: Diagnosis, folder: Path) -> Path:

@@ -5,21 +5,21 @@ either of them alone, and every further effect then compensates its errors. Ther
 
 * While more than the given noise is left, the search follows not only the best first effect but the best of a few classes
   and places, and of all selections so begun the best few, until one reaches the noise.
-* The laws that lead the first step are each refitted beside calibration errors (offsets and gains of inputs and channels),
-  and followed in the order of their residuals then.
+* The laws that lead the first step are each refitted beside calibration errors (offsets and gains of inputs and
+  channels), and followed in the order of their residuals then.
 * Beside all others, each effect is removed and sought again among all candidates: one that is not needed stays out, one
   that another improves on is replaced, and its alternatives are determined anew.
-* A further effect that is absent at the end of its refit, but lowers the residual, has led the values out of a wrong local
-  minimum of the diagram without it: this diagram is refitted from there, and the effect is left out.
+* A further effect that is absent at the end of its refit, but lowers the residual, has led the values out of a wrong
+  local minimum of the diagram without it: this diagram is refitted from there, and the effect is left out.
 
 This is forward selection with backward steps after P. Pudil, J. Novovicova and J. Kittler (1994, doi
 10.1016/0167-8655(94)90127-9), by `merit` in place of their criterion.
 
-A further effect is named only if the model with all effects reaches the given noise and the model before it left more than
-`near`, or if it takes away a material share of the misfit and its strength is the same at small and at large motion. A law
-of the wrong form may imitate the missing one at one amplitude, with numbers that another amplitude would not confirm:
-damping that grows with the square of the distance looks like damping that grows with the speed. The strength may vary with
-the amplitude A(t) of its influence on the channels (its envelope over two periods),
+A further effect that does not reach the noise is certain only if its strength is the same at small and at large motion,
+and if no flexible law at the place of an earlier effect explains as much (see `doubts`). A law of the wrong form may
+imitate the missing one at one amplitude, with numbers that another amplitude would not confirm: damping that grows with
+the square of the distance looks like damping that grows with the speed. The strength may vary with the amplitude A(t) of
+its influence on the channels (its envelope over two periods),
 
     strength(t) = 1 + b_1 g(t) + b_2 g(t)**2,      g = the rank of A(t) among all samples, from -1 to 1,
 
@@ -464,7 +464,7 @@ def _is(candidate: Candidate, wanted: Candidate, gone: Candidate) -> bool:
 
 @dataclass(frozen=True)
 class Unsupported:
-    """A further effect that is not named, and why: its strength is not constant over the amplitude (`constancy`), or an
+    """A further effect that is not certain, and why: its strength is not constant over the amplitude (`constancy`), or an
     identified `curve` in addition to an earlier effect explains most of what it explains."""
 
     added: SelectedEffect
@@ -477,8 +477,8 @@ class Unsupported:
         step, chosen = self.added.step, self.added.chosen
         held = step.chi2_held_out == step.chi2_held_out  # (NaN: nothing is held out)
         before, after = (step.chi2_held_out, chosen.chi2_held_out) if held else (step.chi2_fit, chosen.chi2_fit)
-        refused = f"{called(self.added.candidate)} would lower the reduced chi-square from {number(before, 3)} to " \
-                  f"{number(after, 3)}, but is not named: "
+        refused = f"{called(self.added.candidate)} lowers the reduced chi-square from {number(before, 3)} to " \
+                  f"{number(after, 3)}, but is not certain: "
         if self.curve is not None:
             left = self.curve.chi2_held_out if held else self.curve.chi2_fit
             return refused + f"another law {self.curve.candidate.place}, as an identified curve, explains most of that " \
@@ -489,21 +489,19 @@ class Unsupported:
                          f"({number(low, 2)} to {number(high, 2)} times the fitted one where it may vary)."
 
 
-def supported(way: Selection, say: Progress, looked_back: Callable[[Selection], Selection] = lambda way: way,
-              curves: Callable[[Experiment, Callable[[Candidate], bool]], Stage] | None = None
-              ) -> tuple[Selection, list[Unsupported]]:
-    """The effects of a selection that are named, and those at its end that are not, the last one first.
+def doubts(way: Selection, say: Progress, curves: Callable[[Experiment, Callable[[Candidate], bool]], Stage] | None = None
+           ) -> list[Unsupported]:
+    """Of the effects of a selection those at its end that are not certain, in their order, and why.
 
     A further effect is judged against the residual before it, of which `worth_it` demands a noticeable share. No law is
     exact, and what remains may be the error of an earlier law, which another law may imitate on all records of one kind. So
     a further effect that does not reach the noise is named only if its strength is the same at small and at large motion,
     and if no identified curve at the place of an earlier effect, added to it, explains most of what the further effect
     explains (`curves` makes a step of those identified curves for which a predicate holds). An effect at the place of an
-    earlier one is part of the law there.
-
-    The selection without an effect is `looked_back` on, since its alternatives were judged beside that effect.
+    earlier one is part of the law there. An effect that is not certain remains in the model: the earlier effects are judged
+    beside it.
     """
-    dropped: list[Unsupported] = []
+    doubtful: list[Unsupported] = []
     while len(way) > 1 and not _reaches_the_noise(way[-1]):
         last, at_earlier = way[-1], _at_earlier_place(way)
         if at_earlier(last.candidate):
@@ -519,11 +517,9 @@ def supported(way: Selection, say: Progress, looked_back: Callable[[Selection], 
                 reason = Unsupported(last, curve=best)
         if reason is None:
             break
-        dropped.append(reason)
-        way = looked_back(way[:-1])
-        if len(way) == 1 and (first := leaders(way[0].step, 1)):  # alone, another one may predict better
-            way = (SelectedEffect(first[0], first[0].cluster),)
-    return way, dropped
+        doubtful.insert(0, reason)
+        way = way[:-1]
+    return doubtful
 
 
 def _at_earlier_place(way: Selection) -> Callable[[Candidate], bool]:
