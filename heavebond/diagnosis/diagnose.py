@@ -113,8 +113,9 @@ class Diagnosis:
     @property
     def events(self) -> tuple[Event, ...]:
         """What the records may be explained by, with the calibrated probability of each (see `evidence.probability`);
-        none after a search that was ended early or restricted to classes, for which the calibration does not hold."""
-        if self.evidence is None or self.partial or self.restricted:
+        none after a search that was restricted to classes. The calibration does not hold for a search that was ended early:
+        candidates that it did not refit then count as another effect of the catalogue."""
+        if self.evidence is None or self.restricted:
             return ()
         return stated(probabilities(self.evidence), self.named_first)
 
@@ -223,7 +224,7 @@ def _answer(state: State, task: Task) -> Diagnosis:
                             state.confirming is not None and state.confirming.shorter))
     answer = Diagnosis(state.given, said, words, models, findings, state.doubtful, steps, state.shape, state.base, noise,
                        budget.spent, state.separation, state.searched, state.adequacy, state.untried, state.remainder,
-                       evidence(steps, state.value_step, sheet_p_value(state.base)), bool(task.classes))
+                       evidence(steps, state.value_step, sheet_p_value(state.base), state.adequacy), bool(task.classes))
     if said in ("effect", "one_of", "mainly"):
         alone = more_probable_alone(answer.events, answer.named_first, [called(f.candidate) for f in findings[1:]])
         answer = replace(answer, words=(*words[:1], *resemblance(answer.events), *alone, *words[1:]))

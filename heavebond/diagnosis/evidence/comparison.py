@@ -24,7 +24,15 @@ import numpy as np
 from heavebond.core.errors import HeavebondError
 from heavebond.diagnosis.candidates.fixed_values import fixed_values
 from heavebond.diagnosis.decision import DECISION
-from heavebond.diagnosis.evidence.prediction import FITTED, SELECTION, TEST, ConfidenceSet, PredictiveErrors, confidence_set
+from heavebond.diagnosis.evidence.prediction import (
+    FITTED,
+    SELECTION,
+    TEST,
+    ConfidenceSet,
+    PredictiveErrors,
+    confidence_set,
+    levelled,
+)
 from heavebond.diagnosis.evidence.residual_tests import is_noise
 from heavebond.diagnosis.search.base_model import Base, sensitivities
 from heavebond.diagnosis.search.refit import Refit, bic
@@ -87,6 +95,16 @@ def compared(best: Refit, trials: Sequence[Refit], before: PredictiveErrors) -> 
     return Identity((best, *near), found.blocks if found is not None else float("nan"))
 
 
+def best_predicting(trials: Sequence[Refit], *roles: int) -> Refit:
+    """The trial with the smallest mean predictive error in units of the discrepancy of each record, on samples of these
+    roles (default: all); the first one if the trials have no common samples."""
+    errors = [t.errors for t in trials if t.errors is not None]
+    if len(errors) < len(trials) or len({len(e.sums) for e in errors}) != 1 or not len(errors[0].sums):
+        return trials[0]
+    chosen = np.isin(errors[0].role, roles or ALL)
+    return trials[int(np.argmin(levelled(errors)[:, chosen].sum(axis=1)))]
+
+
 def loss(trial: Refit) -> float:
     """Chi-square per sample of all samples, each predicted by parameters that were not fitted to it."""
     assert trial.errors is not None
@@ -121,7 +139,7 @@ def _set(best: Refit, others: Sequence[Refit]) -> ConfidenceSet | None:
     found = [e for e in errors if e is not None]
     if len(found) < len(errors) or len(found) < 2 or not len(found[0].sums):
         return None
-    losses = np.array([e.sums for e in found])
+    losses = levelled(found)
     means = losses.sum(axis=1)
     close = np.flatnonzero(means <= HOPELESS * max(means[0], found[0].counts.sum()))
     part = confidence_set(losses[close], found[0].counts, found[0].stretch)

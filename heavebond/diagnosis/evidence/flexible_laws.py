@@ -50,7 +50,8 @@ class Adequacy:
     most of what the best there leaves; elsewhere: another one at another place that predicts as well as the effect or
     better; beaten: whether the curve `flexible` explains most of what the effect leaves; covered: share of the held-out
     motion that lies inside the motion that this curve was fitted to (NaN without one); complete: whether all candidates of
-    the step, and other values of fixed parameters, were tried beside the effect; tried: whether all identified curves were.
+    the step, and other values of fixed parameters, were tried beside the effect; tried: whether all identified curves were;
+    law, curves: the refit of the effect and those of all identified curves in its place, in the same diagram.
     """
 
     explained: float
@@ -60,6 +61,8 @@ class Adequacy:
     covered: float = float("nan")
     complete: bool = True
     tried: bool = True
+    law: Refit | None = None
+    curves: tuple[Refit, ...] = ()
 
     @property
     def decided(self) -> bool:
@@ -115,7 +118,8 @@ def adequacy(chosen: Refit, made: Stage, beside: Comparand, curves: Stage | None
     if there is not None and _explains_most(there, rival) \
             and (so_far := coverage(there, beside.experiment)) >= DECISION.covered:  # (which takes runs of all records)
         here, there, beaten, covered = there, None, True, so_far
-    return Adequacy(explained, here, there, beaten, covered, complete, curves is not None and not curves.partial)
+    return Adequacy(explained, here, there, beaten, covered, complete, curves is not None and not curves.partial, law,
+                    tuple(t for t in curves.trials if t.errors is not None) if curves is not None else ())
 
 
 def _explains_most(curve: Refit, law: Refit) -> bool:

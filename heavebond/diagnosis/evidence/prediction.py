@@ -162,6 +162,31 @@ class PredictiveErrors:
         return int(self.counts[np.isin(self.role, roles)].sum())
 
 
+def discrepancy(errors: Sequence[PredictiveErrors]) -> Array:
+    """The discrepancy (k,) of each bin: the mean error, over its stretch, of the model that predicts this stretch best, at
+    least the noise (1). The errors are those of several models on the same samples.
+
+    The residual of a good model of a real machine is a discrepancy whose level differs between records. In units of the
+    noise, the record that all models predict worst would decide alone.
+    """
+    counts, stretch = errors[0].counts, errors[0].stretch
+    means = np.array([np.bincount(stretch, e.sums) for e in errors]) / np.maximum(np.bincount(stretch, counts), 1)
+    return np.asarray(np.maximum(means.min(axis=0), 1.0)[stretch])
+
+
+def levelled(errors: Sequence[PredictiveErrors]) -> Array:
+    """The sums (m, k) of errors of m models on the same samples, in units of the discrepancy of each stretch."""
+    return np.array([e.sums for e in errors]) / discrepancy(errors)
+
+
+def share_taken(before: PredictiveErrors, after: PredictiveErrors, *roles: int) -> float:
+    """The share of the error above the noise that a model takes away from another one, on samples of these roles, in units
+    of the discrepancy of each stretch."""
+    chosen, level = np.isin(before.role, roles), discrepancy([before, after])
+    first, last, noise = (float((x / level)[chosen].sum()) for x in (before.sums, after.sums, before.counts))
+    return (first - last) / max(first - noise, 1e-9 * noise)
+
+
 @dataclass(frozen=True)
 class Series:
     """Errors of one record along its times: sums (N,) over the channels, counts (N,), and their role."""

@@ -1,30 +1,33 @@
 """How sure is it? A calibrated probability of each event that the records may be explained by.
 
-The events are the classes of the catalogue at their places, "outside the catalogue", "parameters only" and "nothing"; their
-probabilities add up to 1.
+The events are the classes of the catalogue at their places, "outside the catalogue", "parameters only" and "nothing";
+their probabilities add up to 1.
 
 Among effects, and among other values of what the diagram holds fixed, the weight of each is that of stacking by
 bootstrapped predictive likelihoods (pseudo-BMA+: Y. Yao, A. Vehtari, D. Simpson, A. Gelman, 2018, doi:10.1214/17-BA1091),
-tempered by one temperature T: with l_i the mean squared whitened prediction error of model i over n samples in one resample
-of blocks (see `confidence_set`),
+tempered by one temperature T: with l_i the mean squared whitened prediction error of model i over n samples in one
+resample of blocks (see `evidence.prediction`),
 
-    w_i = E[ l_i**(-n/2T) / sum_j l_j**(-n/2T) ]
+    w_i = E[ l_i**-q / sum_j l_j**-q ],      q = min(n/2T, b/2)
 
-over resamples; for T = 0 the share of resamples in which i predicts best. A law that only refines a simpler one at the same
-place, with an amplitude that the records do not tell from none, counts with the simpler one. The odds of a law outside the
-catalogue are A exp(B (1 - 1/c)), with c the mean squared prediction error that the best of these leaves, in noise variances
-(at least 1): 1 - 1/c is the share of it that is more than noise, so that they end at A exp(B) however much is left. Whether
-there is an effect at all follows from the p value of the tests of the residual by the smallest Bayes factor for none, -e p
-ln p (T. Sellke, M. J. Bayarri, J. O. Berger, 2001, doi:10.1198/000313001300339950), times prior odds; whether the data
-sheet is right by that of the likelihood ratio of the fitted parameters, with the same odds. A share of everything is kept
-for what was not considered.
+over resamples; for T = 0 the share of resamples in which i predicts best. b is the number of independent blocks that the
+records are worth: the residual of a real machine is a correlated discrepancy, of which n samples carry the information of
+b. A law that only refines a simpler one at the same place, with an amplitude that the records do not tell from none,
+counts with the simpler one. The odds of a law outside the catalogue are A if noise is left. If more is left, the
+identified curves represent such laws: with r_k the same weight of curve k relative to the best law, both in one diagram,
+and w the share of the best law among the effects, the odds are A w sum_k r_k. If no curve was fitted, they are A exp(B (1
+- 1/c)), with c the mean squared prediction error that the best of all leaves, in noise variances (at least 1): 1 - 1/c is
+the share of it that is more than noise. Whether there is an effect at all follows from the p value of the tests of the
+residual by the smallest Bayes factor for none, -e p ln p (T. Sellke, M. J. Bayarri, J. O. Berger, 2001,
+doi:10.1198/000313001300339950), times prior odds; whether the data sheet is right by that of the likelihood ratio of the
+fitted parameters, with the same odds. A share of everything is kept for what was not considered.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -34,9 +37,11 @@ from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.evidence.comparison import HOPELESS, loss
-from heavebond.diagnosis.evidence.prediction import block_length, resampled
+from heavebond.diagnosis.evidence.flexible_laws import Adequacy
+from heavebond.diagnosis.evidence.prediction import block_length, levelled, resampled
 from heavebond.diagnosis.evidence.residual_tests import LEVELS, ResidualTests
 from heavebond.diagnosis.search.refit import Refit
+from heavebond.diagnosis.search.schedule import PROMISING
 from heavebond.diagnosis.search.step import Stage, refines, twins_of
 from heavebond.language.library import same_class
 from heavebond.numerics.dae import Array
@@ -100,13 +105,23 @@ class Evidence:
     where it is another value of what is held fixed) and `weights` theirs (m,) at each of the TEMPERATURES; `left` is the
     mean squared whitened prediction error of the best of them (1 = noise level, and at least 1; 1 where none was fitted),
     `missing` the Bayes factor bound of the tests of the residual for nothing missing, `sheet` that of the fitted parameters
-    for the values of the data sheet."""
+    for the values of the data sheet. `curves` are the places of identified curves, and `flexible` (k,) their weights
+    relative to that of the best effect, at each of the TEMPERATURES; none if no curve was fitted. `untried` is the share of
+    the promising candidates that a search which was ended early did not refit."""
 
     effects: tuple[Event, ...]
     weights: Mapping[float, Array]
     left: float
     missing: float
     sheet: float
+    curves: tuple[Event, ...] = ()
+    flexible: Mapping[float, Array] = field(default_factory=dict)
+    untried: float = 0.0
+
+    @property
+    def outside(self) -> Mapping[float, float]:
+        """The weight of all identified curves relative to that of all effects, at each of the TEMPERATURES."""
+        return {t: float(self.weights[t].max(initial=0.0) * found.sum()) for t, found in self.flexible.items()}
 
     def as_dict(self) -> dict[str, object]:
         """Everything for a file, but effects of hardly any weight."""
@@ -115,21 +130,33 @@ class Evidence:
         effects = [self.effects[k] for k in kept]
         return {"effects": [[e.kind, e.place, list(e.where), list(e.labels)] for e in effects],
                 "weights": {f"{t:g}": [round(float(found[k]), 4) for k in kept] for t, found in self.weights.items()},
-                "left": self.left, "missing": self.missing, "sheet": self.sheet}
+                "left": self.left, "missing": self.missing, "sheet": self.sheet,
+                "curves": [[e.kind, e.place, list(e.where), list(e.labels)] for e in self.curves],
+                "flexible": {f"{t:g}": [float(f"{x:.4g}") for x in found] for t, found in self.flexible.items()},
+                "untried": self.untried}
 
     @classmethod
     def of_dict(cls, kept: Mapping[str, object]) -> Evidence:
         """The evidence from `as_dict`."""
         effects, weights = kept["effects"], kept["weights"]
-        assert isinstance(effects, list) and isinstance(weights, dict)
-        return cls(tuple(Event(kind, 0.0, place, tuple(where), tuple(labels)) for kind, place, where, labels in effects),
-                   {float(t): np.array(found) for t, found in weights.items()},
-                   *(float(str(kept[name])) for name in ("left", "missing", "sheet")))
+        assert isinstance(weights, dict)
+        def events(of: object) -> tuple[Event, ...]:
+            assert isinstance(of, list)
+            return tuple(Event(kind, 0.0, place, tuple(where), tuple(labels)) for kind, place, where, labels in of)
+
+        flexible = kept.get("flexible", {})
+        assert isinstance(flexible, dict)
+        left, missing, sheet = (float(str(kept[name])) for name in ("left", "missing", "sheet"))
+        return cls(events(effects), {float(t): np.array(found) for t, found in weights.items()}, left, missing, sheet,
+                   events(kept.get("curves", [])),
+                   {float(t): np.array(found) for t, found in flexible.items()}, float(str(kept.get("untried", 0.0))))
 
 
-def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float = 1.0) -> Evidence:
+def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float = 1.0, adequacy: Adequacy | None = None
+             ) -> Evidence:
     """The evidence of a ladder: the refits of its first step, those of other values of what is held fixed on the same
-    records, and the p value `sheet` of the hypothesis that the data sheet is right. What the best leaves is what is left
+    records, the p value `sheet` of the hypothesis that the data sheet is right, and the identified curves by which the
+    adequacy was judged. What the best leaves is what is left
     after all steps: effects of the catalogue that were found beside the first are no sign of a law outside it."""
     made = steps[0]
     others = [t for t in values.trials if t.candidate.kind == VALUE] if values is not None else []
@@ -144,7 +171,32 @@ def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float =
     later = [step.chosen for step in steps[1:] if step.chosen is not None and step.chosen.errors is not None]
     left = max(1.0, min(map(loss, [*best, *later]), default=1.0))
     return Evidence(*_weighted(alike, _to_simpler(alike, best, _weights(best), made), made), left,
-                    factor_bound(_p_value(made.left)), factor_bound(sheet))
+                    factor_bound(_p_value(made.left)), factor_bound(sheet), *_flexible(adequacy), _untried(made))
+
+
+def _untried(made: Stage) -> float:
+    """The share of the promising candidates of a partial step that were not refitted: those not scored, and those with a
+    score of at least `PROMISING` of the largest."""
+    if not made.partial or not made.planned:
+        return 0.0
+    scored = {s.candidate.label: s.gain for s in made.scores}
+    least = PROMISING * max(scored.values(), default=0.0)
+    promising = {label for label, gain in scored.items() if gain >= least}
+    open_ = len(promising - {t.candidate.label for t in made.trials}) + max(made.planned - len(scored), 0)
+    return open_ / max(len(promising) + max(made.planned - len(scored), 0), 1)
+
+
+def _flexible(adequacy: Adequacy | None) -> tuple[tuple[Event, ...], dict[float, Array]]:
+    """The identified curves, the best of each place, with their weights relative to that of the law that they replace."""
+    if adequacy is None or adequacy.law is None or not adequacy.curves or not adequacy.tried:
+        return (), {}
+    best: dict[frozenset[str], Refit] = {}
+    for curve in sorted(adequacy.curves, key=loss):
+        best.setdefault(frozenset(curve.candidate.where), curve)
+    curves = list(best.values())
+    weights = _weights([adequacy.law, *curves])
+    return tuple(Event(c.candidate.kind, 0.0, c.candidate.place, c.candidate.where, (c.candidate.label,)) for c in curves), \
+        {t: found[1:] / max(float(found[0]), 1e-6) for t, found in weights.items()}
 
 
 def _to_simpler(families: Sequence[Sequence[Refit]], best: Sequence[Refit], weights: Mapping[float, Array],
@@ -197,7 +249,7 @@ def _weights(trials: Sequence[Refit]) -> dict[float, Array]:
     if not trials:
         return {}
     errors = [t.errors for t in trials if t.errors is not None]
-    losses, counts, stretch = np.array([e.sums for e in errors]), errors[0].counts, errors[0].stretch
+    losses, counts, stretch = levelled(errors), errors[0].counts, errors[0].stretch
     found = {t: np.zeros(len(trials)) for t in TEMPERATURES}
     samples = float(counts.sum())
     means = losses.sum(axis=1) / samples
@@ -208,8 +260,9 @@ def _weights(trials: Sequence[Refit]) -> dict[float, Array]:
     drawn = resampled(stretch, max(lengths, default=1.0), DECISION.draws, np.random.default_rng(0))
     log = np.log(np.maximum((drawn @ part.T) / (drawn @ counts)[:, None], 1e-300))
     ahead = log - log.min(axis=1, keepdims=True)
+    blocks = len(counts) / max(lengths, default=1.0)
     for t in TEMPERATURES:
-        each = np.exp(-samples / (2 * t) * ahead) if t > 0 else (ahead == 0).astype(float)
+        each = np.exp(-min(samples / t, blocks) / 2 * ahead) if t > 0 else (ahead == 0).astype(float)
         found[t][close] = np.mean(each / each.sum(axis=1, keepdims=True), axis=0)
     return found
 
@@ -225,11 +278,16 @@ def factor_bound(p: float) -> float:
     return float(-math.e * p * math.log(p)) if 0 < p < 1 / math.e else float(p > 0)
 
 
-def parts(constants: Calibration, missing: Share, sheet: Share, left: Share) -> tuple[Share, ...]:
+def parts(constants: Calibration, missing: Share, sheet: Share, left: Share, flexible: Share | None = None
+          ) -> tuple[Share, ...]:
     """The probabilities of nothing, of parameters that are fitted, of a law outside the catalogue, and of all effects and
-    other values together, which share it by their weights; numbers, or arrays of them for many cases."""
+    other values together, which share it by their weights; numbers, or arrays of them for many cases. `flexible` is the
+    weight of the identified curves relative to all effects (NaN without any)."""
     without, right = _share(constants.simpler * missing), _share(constants.simpler * sheet)
-    outside = _share(constants.outside * np.exp(constants.excess * (1 - 1 / left)))
+    factor = np.exp(constants.excess * (1 - 1 / left))
+    if flexible is not None:
+        factor = np.where(np.isnan(flexible), factor, flexible)
+    outside = _share(constants.outside * factor)
     rest = 1 - constants.lapse
     return (rest * without * right, rest * without * (1 - right), rest * (1 - without) * outside,
             rest * (1 - without) * (1 - outside))
@@ -237,10 +295,12 @@ def parts(constants: Calibration, missing: Share, sheet: Share, left: Share) -> 
 
 def probabilities(known: Evidence, constants: Calibration = CALIBRATION) -> tuple[Event, ...]:
     """The events with their probabilities, the most probable first; they add up to 1."""
-    nothing, parameters, outside, among = map(float, parts(constants, known.missing, known.sheet, known.left))
+    nothing, parameters, outside, among = map(float, parts(
+        constants, known.missing, known.sheet, known.left, known.outside.get(constants.temperature, math.nan)))
     weights = known.weights[constants.temperature] if known.effects else np.zeros(0)
     found = {NOTHING: nothing, PARAMETERS: parameters, OUTSIDE: outside,
-             OTHER: constants.lapse + among * max(0.0, 1 - float(weights.sum()))}
+             OTHER: constants.lapse + among * (known.untried + (1 - known.untried) * max(0.0, 1 - float(weights.sum())))}
+    among *= 1 - known.untried
     effects = []
     for event, weight in zip(known.effects, weights, strict=True):
         if event.kind == VALUE:

@@ -24,13 +24,20 @@ from heavebond.diagnosis.evidence.comparison import (
     ALL,
     STRONG,
     Identity,
+    best_predicting,
     compared,
     equivalent_values,
     leaves_noise,
     likelihood,
-    loss,
 )
-from heavebond.diagnosis.evidence.prediction import SELECTION, TEST, PredictiveErrors, predictive_errors
+from heavebond.diagnosis.evidence.prediction import (
+    FITTED,
+    SELECTION,
+    TEST,
+    PredictiveErrors,
+    predictive_errors,
+    share_taken,
+)
 from heavebond.diagnosis.evidence.residual_tests import ResidualTests, is_above_noise, is_noise, leftover
 from heavebond.diagnosis.search.base_model import TIMES, Base, finer, searched
 from heavebond.diagnosis.search.refit import Refit, bic, refitted_from
@@ -328,9 +335,9 @@ def _judged(base: Base, errors: PredictiveErrors, left: ResidualTests, scores: S
 
 
 def _leader(made: Stage, earned: Sequence[Refit]) -> Refit:
-    """The trial that is named first: among the plausible ones, which the records cannot distinguish from the one with the
-    largest likelihood on all records and which take away a noticeable part if any of these does, the one that predicts the
-    selection data best; of its refinements the simplest law that leaves no more.
+    """The trial that is named first: among the plausible ones, which the records cannot distinguish from the best one on all
+    records and which take away a noticeable part if any of these does, the one that predicts the fitted data,
+    cross-validated, and the selection data best; of its refinements the simplest law that leaves no more.
 
     If the plausible ones reach the noise, chance decides which predicts best: then `merit` orders them, and a dormant
     parameter of a part goes before an additional part.
@@ -340,30 +347,23 @@ def _leader(made: Stage, earned: Sequence[Refit]) -> Refit:
     if leaves_noise(first):
         own = [t for t in plausible if t.candidate.attaches == "in" and t.unknowns <= first.unknowns and leaves_noise(t)]
         return min(own, key=merit, default=first)
-    first = min(plausible, key=selection_loss)
+    first = best_predicting(plausible, FITTED, SELECTION)
     return simpler_law(made, first) or first
 
 
 def _plausible(made: Stage, earned: Sequence[Refit]) -> list[Refit]:
     assert made.errors is not None
-    members = compared(min(earned, key=likelihood), earned, made.errors).members
+    best = min(earned, key=likelihood)
+    members = compared(best if leaves_noise(best) else best_predicting(earned), earned, made.errors).members
     return [t for t in members if is_noticeable(made, t)] or list(members)
 
 
-def selection_loss(trial: Refit) -> float:
-    """The mean squared whitened prediction error on the selection data; without any, cross-validated on the fitted data."""
-    assert trial.errors is not None
-    return trial.errors.mean(SELECTION) if trial.errors.samples(SELECTION) else loss(trial)
-
-
 def is_noticeable(made: Stage, trial: Refit) -> bool:
-    """Whether a trial takes away a noticeable part of what is left above the noise: on held-out data where these hold more
-    than noise, else on all samples, each predicted by parameters that were not fitted to it."""
-    assert made.errors is not None
-    before, after = made.errors.mean(*ALL), loss(trial)
-    if made.shown_held_out:
-        before, after = made.chi2_held_out, trial.chi2_held_out
-    return (before - after) / max(before - 1.0, 1e-9) > DECISION.further
+    """Whether a trial takes away a noticeable part of what is left above the noise: on held-out data if these hold more than
+    noise, otherwise on all samples, each predicted by parameters that were not fitted to it; in units of the discrepancy of
+    each record."""
+    assert made.errors is not None and trial.errors is not None
+    return share_taken(made.errors, trial.errors, *((SELECTION, TEST) if made.shown_held_out else ALL)) > DECISION.further
 
 
 def choosing(made: Stage, trial: Refit) -> Stage:
