@@ -8,19 +8,20 @@ bootstrapped predictive likelihoods (pseudo-BMA+: Y. Yao, A. Vehtari, D. Simpson
 tempered by one temperature T: with l_i the mean squared whitened prediction error of model i over n samples in one
 resample of blocks (see `evidence.prediction`),
 
-    w_i = E[ l_i**-q / sum_j l_j**-q ],      q = min(n/2T, b/2)
+    w_i = E[ l_i**-q / sum_j l_j**-q ],      q = n/2T / c + min(n/2T, b/2) (1 - 1/c)
 
-over resamples; for T = 0 the share of resamples in which i predicts best. b is the number of independent blocks that the
-records are worth: the residual of a real machine is a correlated discrepancy, of which n samples carry the information of
-b. A law that only refines a simpler one at the same place, with an amplitude that the records do not tell from none,
-counts with the simpler one. The odds of a law outside the catalogue are A if noise is left. If more is left, the
-identified curves represent such laws: with r_k the same weight of curve k relative to the best law, both in one diagram,
-and w the share of the best law among the effects, the odds are A w sum_k r_k. If no curve was fitted, they are A exp(B (1
-- 1/c)), with c the mean squared prediction error that the best of all leaves, in noise variances (at least 1): 1 - 1/c is
-the share of it that is more than noise. Whether there is an effect at all follows from the p value of the tests of the
-residual by the smallest Bayes factor for none, -e p ln p (T. Sellke, M. J. Bayarri, J. O. Berger, 2001,
-doi:10.1198/000313001300339950), times prior odds; whether the data sheet is right by that of the likelihood ratio of the
-fitted parameters, with the same odds. A share of everything is kept for what was not considered.
+over resamples; for T = 0 the share of resamples in which i predicts best. c is the mean squared error that the best model
+leaves, in noise variances, and b the number of independent blocks that the records are worth: what exceeds the noise is a
+correlated discrepancy, of which n samples carry the information of b. A law that only refines a simpler one at the same
+place, with an amplitude that the records do not tell from none, counts with the simpler one. The odds of a law outside
+the catalogue are A if noise is left. If more is left, the identified curves represent such laws: with r_k the same weight
+of curve k relative to the best law, both in one diagram, and w the share of the best law among the effects, the odds are
+A w sum_k r_k. If no curve was fitted, they are A exp(B (1 - 1/c)), with c the mean squared prediction error that the best
+of all leaves, in noise variances (at least 1): 1 - 1/c is the share of it that is more than noise. Whether there is an
+effect at all follows from the p value of the tests of the residual by the smallest Bayes factor for none, -e p ln p (T.
+Sellke, M. J. Bayarri, J. O. Berger, 2001, doi:10.1198/000313001300339950), times prior odds; whether the data sheet is
+right by that of the likelihood ratio of the fitted parameters, with the same odds. A share of everything is kept for what
+was not considered.
 """
 
 from __future__ import annotations
@@ -261,8 +262,10 @@ def _weights(trials: Sequence[Refit]) -> dict[float, Array]:
     log = np.log(np.maximum((drawn @ part.T) / (drawn @ counts)[:, None], 1e-300))
     ahead = log - log.min(axis=1, keepdims=True)
     blocks = len(counts) / max(lengths, default=1.0)
+    noise = 1 / max(1.0, min(float(e.sums.sum()) for e in errors) / samples)
     for t in TEMPERATURES:
-        each = np.exp(-min(samples / t, blocks) / 2 * ahead) if t > 0 else (ahead == 0).astype(float)
+        power = (noise * samples / t + (1 - noise) * min(samples / t, blocks)) / 2 if t > 0 else 0.0
+        each = np.exp(-power * ahead) if t > 0 else (ahead == 0).astype(float)
         found[t][close] = np.mean(each / each.sum(axis=1, keepdims=True), axis=0)
     return found
 
