@@ -71,6 +71,12 @@ CALIBRATION = Calibration()
 PROBABILITY = f"Probability, calibrated on {CALIBRATION.cases} cases"  # a heading
 
 
+def percent(probability: float) -> str:
+    """A probability in whole percent; none is certain."""
+    value = 100 * probability
+    return "> 99 %" if value > 99 else "< 1 %" if value < 1 else f"{value:.0f} %"
+
+
 @dataclass(frozen=True)
 class Event:
     """Something that the records may be explained by, and its probability. Of an effect: its class `kind`, its `place` in
@@ -85,9 +91,7 @@ class Event:
     @property
     def row(self) -> tuple[str, str]:
         """The event in words and its probability in whole percent, for tables; none is certain."""
-        percent = 100 * self.probability
-        said = "> 99 %" if percent > 99 else "< 1 %" if percent < 1 else f"{percent:.0f} %"
-        return f"{self.kind} {self.place}".rstrip(), said
+        return f"{self.kind} {self.place}".rstrip(), percent(self.probability)
 
     def as_dict(self) -> dict[str, object]:
         """What it is and how probable, for machines."""
@@ -143,7 +147,7 @@ def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float =
     best = [min(family, key=loss) for family in alike]
     later = [step.chosen for step in steps[1:] if step.chosen is not None and step.chosen.errors is not None]
     left = max(1.0, min(map(loss, [*best, *later]), default=1.0))
-    return Evidence(*_weighted(alike, _to_simpler(alike, best, _weights(best), made), made), left,
+    return Evidence(*_weighted(alike, _to_simpler(alike, best, law_weights(best), made), made), left,
                     factor_bound(_p_value(made.left)), factor_bound(sheet))
 
 
@@ -192,7 +196,7 @@ def _class_of(candidate: Candidate, first: Candidate) -> str:
     return first.kind if same_class(candidate.kind, first.kind) else candidate.kind
 
 
-def _weights(trials: Sequence[Refit]) -> dict[float, Array]:
+def law_weights(trials: Sequence[Refit]) -> dict[float, Array]:
     """The weights (m,) of models at each of the temperatures."""
     if not trials:
         return {}
