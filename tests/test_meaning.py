@@ -21,7 +21,8 @@ CURVES = "unknown law"  # identified curves: a shape, no name
 def _fields(component: Component, parameter: Parameter | None = None) -> set[str]:
     meaning = parameter.meaning if parameter is not None else component.effect.meaning if component.effect else None
     assert meaning is not None, f"{component.name} has no meaning"
-    return {name for field in meaning.fields for name in ([field] if isinstance(field, str) else [n.text for n in names(field)])}
+    return {name for field in meaning.fields
+            for name in ([field] if isinstance(field, str) else [n.text for n in names(field)])}
 
 
 def test_every_effect_of_the_library_has_a_sentence_of_physics_with_its_place() -> None:
@@ -64,12 +65,14 @@ effect: {class: loss, attaches: across, amplitude: [F], description: a loss, mea
 
 
 @pytest.mark.parametrize(("meaning", "said", "hint"), [
-    ("A loss of {G} {place}.", "'G' in the meaning is no parameter of this component", "Fields: F, d, part, place, a, b."),
+    ("A loss of {G} {place}.",
+     "'G' in the meaning is no parameter of this component", "Fields: F, d, part, place, a, b."),
     ("A loss of {F + d} {place}.", "'+' joins N and N*s/m", ""),
     ("A loss of {F {place}.", "a brace of the meaning has no partner", "Write a field as `{F_c}`"),
     ("A loss of {F *} {place}.", "", ""),
 ])
-def test_a_wrong_field_of_a_meaning_is_reported_with_file_and_line(tmp_path: Path, meaning: str, said: str, hint: str) -> None:
+def test_a_wrong_field_of_a_meaning_is_reported_with_file_and_line(tmp_path: Path, meaning: str, said: str, hint: str
+                                                                  ) -> None:
     file = tmp_path / "loss.yaml"
     file.write_text(COMPONENT.replace("MEANING", meaning))
     with pytest.raises(ModelError) as error:
@@ -81,7 +84,8 @@ def test_a_wrong_field_of_a_meaning_is_reported_with_file_and_line(tmp_path: Pat
 
 def test_a_meaning_of_a_parameter_that_is_no_effect_is_an_error(tmp_path: Path) -> None:
     file = tmp_path / "loss.yaml"
-    file.write_text(COMPONENT.replace("MEANING", "{F} {place}").replace("F: {unit: N, min: 0}", 'F: {unit: N, meaning: "{F}"}'))
+    text = COMPONENT.replace("MEANING", "{F} {place}")
+    file.write_text(text.replace("F: {unit: N, min: 0}", 'F: {unit: N, meaning: "{F}"}'))
     with pytest.raises(ModelError) as error:
         library([tmp_path]).component("Loss")
     assert "no value at which the effect is absent" in error.value.problems[0].message

@@ -140,13 +140,18 @@ class Diagnosis:
     @property
     def last(self) -> Experiment:
         """The experiment on the last diagram of the ladder."""
-        found = [*self.findings, *([self.shape] if self.shape is not None else [])]
-        return found[-1].fit.experiment if found else self.experiment
+        return self.added[-1].fit.experiment if self.added else self.experiment
+
+    @property
+    def added(self) -> tuple[AddedEffect, ...]:
+        """The findings, and the identified curve."""
+        return (*self.findings, *([self.shape] if self.shape is not None else []))
 
     def as_dict(self) -> dict[str, object]:
         """Everything for machines."""
         return {
-            "verdict": self.verdict, "tree": self.tree.as_dict(), "words": list(self.words), "probabilities": [e.as_dict() for e in self.events],
+            "verdict": self.verdict, "tree": self.tree.as_dict(), "words": list(self.words),
+            "probabilities": [e.as_dict() for e in self.events],
             "partial": self.partial, "not_tried": list(self.untried),
             "lost": sorted({label for stage in self.steps for label in stage.lost}),
             "steps": [f.as_dict() for f in self.findings],

@@ -170,8 +170,8 @@ HELD = ("middle", "half", "peak")
 
 @dataclass(frozen=True)
 class Meaning:
-    """A sentence of physics about an effect: `texts` with a field between each two of them. A field is `part`, `place` or the
-    name of a port, as a text, or a formula of the component's parameters."""
+    """A sentence of physics about an effect: `texts` with a field between each two of them. A field is a name (`part`,
+    `place`, a port or a parameter) or a formula of the component's parameters."""
 
     texts: tuple[str, ...]
     fields: tuple[str | Expr, ...]

@@ -12,7 +12,7 @@ from heavebond.core.presentation import number, readable_unit, unit_label
 from heavebond.core.units import Dimension, dimension_text, read_unit
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.estimation.fitting import Fitted
-from heavebond.language.definition import Component, Meaning, Value
+from heavebond.language.definition import Component, Value
 from heavebond.language.library import Library
 from heavebond.language.symbols import Context, evaluate
 from heavebond.text.dimensions import dimension
@@ -41,7 +41,8 @@ def physics(candidate: Candidate, library: Library, values: Mapping[str, float],
     for field, following in zip(meaning.fields, meaning.texts[1:], strict=True):
         if isinstance(field, str) and field in places:
             single = single or field not in ("part", "place")
-            text += places[field] + following
+            again = field == "part" and text.endswith(f" {places[field]} ")  # the damper `damper`
+            text = text[:-1] + following if again else text + places[field] + following
             continue
         percent = following.startswith(PERCENT)
         figure = _value(field, candidate, component, values, found, PERCENT if percent else "")

@@ -1,14 +1,14 @@
 """The answer as a tree: measuring chain or machine, place, kind, class, law; with a probability at each level.
 
-The probabilities are those of `evidence.probability`, summed over the branches: those of the children add up to that of their
-parent, with "another" where a part of it belongs to none of them. A law outside the catalogue acts at some place too: where the
-localisation finds an unknown input, its probability goes to these places, by their likelihood, and to the kind of variable that
-the input follows; otherwise to places and kinds in proportion to those of the effects of the catalogue. The answer states the
-deepest level with a probability of at least `STATED`.
+The probabilities are those of `evidence.probability`, summed over the branches: those of the children add up to that of
+their parent, with "another" for the part that belongs to none of them. A law outside the catalogue acts at some place too.
+Where the localisation finds an unknown input, the probability of such a law goes to its places, by their likelihood, and to
+the kind of variable that the input follows; otherwise to places and kinds in proportion to those of the effects of the
+catalogue. The answer states the deepest level with a probability of at least `STATED`.
 
-Of several effects each has its own tree, from the step that added it, given the effects before it. Its share is the part of the
-misfit (chi-square above the noise) that it takes away after them. A search that was ended early has the same tree: the share of
-its candidates that it did not reach goes from the effects to "another", and the answer says "so far".
+Of several effects each has a tree of its own, from the step that added it, given the effects before it. Its share is the
+part of the misfit (chi-square above the noise) that it takes away after them. A search that was ended early has the same
+tree: the share of its candidates that it did not reach goes from the effects to "another", and the answer says "so far".
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from heavebond.core.errors import listing
 from heavebond.core.presentation import readable
 from heavebond.diagnosis.answer.physics import physics
-from heavebond.diagnosis.answer.verdict import gone, held_out_or_fitted
+from heavebond.diagnosis.answer.verdict import gone, held_out_or_fitted, without_effects
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.evidence.probability import (
@@ -46,6 +46,7 @@ from heavebond.localise.misfit import Localization, PlaceEstimate
 LEVELS = ("answer", "system", "place", "kind", "class", "law")
 STATED = 0.5  # probability from which on a level is stated: then no other branch is as probable
 LISTED = 0.01  # probability from which on a branch is listed
+SHOWN = 0.05  # probability from which on a branch is shown in tables
 LAWS = 3  # laws at most that are named together
 COMPARABLE = 0.5  # share of the probability of the best law from which on another one is named beside it
 MEASURING, MACHINE, ANOTHER = "measuring chain", "machine", "another"
@@ -75,7 +76,7 @@ class Node:
 @dataclass(frozen=True)
 class EffectTree:
     """The tree of one effect: `root`, the stated branches from the top down (`path`), the answer in a `statement`, the best
-    law in a sentence of physics (`meaning`; empty without one), its short `name`, and its `share` of the misfit (NaN where no
+    law in a sentence of physics (`meaning`; empty without one), its short `name`, and its `share` of the misfit (NaN if no
     effect was added)."""
 
     root: Node
@@ -87,7 +88,8 @@ class EffectTree:
 
     def as_dict(self) -> dict[str, object]:
         """The statement, the path and the whole tree, for machines."""
-        return {"statement": self.statement, "meaning": self.meaning, "share": None if math.isnan(self.share) else self.share,
+        return {"statement": self.statement, "meaning": self.meaning,
+                "share": None if math.isnan(self.share) else self.share,
                 "stated": [{"level": n.level, "name": n.name, "probability": n.probability} for n in self.path],
                 "branches": [child.as_dict() for child in self.root.children]}
 
@@ -132,10 +134,8 @@ def answer_tree(steps: Sequence[Stage], known: Evidence | None, findings: Sequen
     diagram holds fixed, and `localization` that of its first diagram."""
     if not steps or known is None:
         return Tree((), True)
-    rungs = [f.rung for f in findings]
-    before = [entry for entry in ladder if not any(entry is r for r in rungs)]
-    first = min(map(held_out_or_fitted, before), default=math.nan)
-    levels = [first, *map(held_out_or_fitted, rungs)]
+    first = held_out_or_fitted(without_effects(ladder, findings)) if ladder else math.nan
+    levels = [first, *(held_out_or_fitted(f.rung) for f in findings)]
     found = []
     for k, step in enumerate(steps[:max(1, len(findings))]):
         finding = findings[k] if k < len(findings) else None
@@ -177,7 +177,7 @@ def _reached(step: Stage) -> float:
 
 def _leaves(step: Stage, events: Sequence[Event], library: Library) -> list[_Leaf]:
     """The effects of the catalogue with their probabilities, each class at a place divided among its laws."""
-    candidates = {s.candidate.label: s.candidate for s in step.scores} | {t.candidate.label: t.candidate for t in step.trials}
+    candidates = {found.candidate.label: found.candidate for found in (*step.scores, *step.trials)}
     trials = {t.candidate.label: t for t in step.trials if t.errors is not None}
     found = []
     for event in events:
@@ -200,7 +200,8 @@ def _levels(step: Stage, candidate: Candidate, kind: str, library: Library) -> t
     system = MEASURING if nature == "measurement" or candidate.attaches == "channel" else MACHINE
     place = step.places.place(candidate)
     law = candidate.name if candidate.attaches == "in" else candidate.component
-    words = f"in {candidate.where[0]}" if candidate.attaches in ("in", "replaces") and not candidate.members else candidate.place
+    inside = candidate.attaches in ("in", "replaces") and not candidate.members
+    words = f"in {candidate.where[0]}" if inside else candidate.place
     does = kind_words(nature, _domain(candidate, library), len(place[1]) > 1)
     return (system, place, nature, kind, law), (system, words, does, kind, law)
 
@@ -337,6 +338,15 @@ def _best(step: Stage, finding: AddedEffect | None, path: Sequence[Node], root: 
 
 def _leaves_of(node: Node) -> list[Node]:
     return [leaf for child in node.children for leaf in _leaves_of(child)] if node.children else [node]
+
+
+def branches(root: Node) -> list[tuple[int, Node]]:
+    """The branches to be shown, each with its depth: below the stated ones all that are at least `SHOWN` probable."""
+    found: list[tuple[int, Node]] = []
+    for child in root.children:
+        if child.probability >= SHOWN:
+            found += [(0, child), *((depth + 1, node) for depth, node in branches(child))]
+    return found
 
 
 # -- words --------------------------------------------------------------------------------------------------------------

@@ -28,7 +28,7 @@ from heavebond.core.presentation import number
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.candidates.places import candidates
 from heavebond.diagnosis.decision import DECISION
-from heavebond.diagnosis.evidence.comparison import ALL, loss
+from heavebond.diagnosis.evidence.comparison import ALL, differs_materially, loss
 from heavebond.diagnosis.evidence.prediction import PredictiveErrors, confidence_set
 from heavebond.diagnosis.search.refit import Refit
 from heavebond.diagnosis.search.step import Stage, following, make_curve_stage
@@ -51,7 +51,7 @@ class Adequacy:
     `flexible` explains most of what the effect leaves; covered: share of the held-out motion that lies inside the motion
     that this curve was fitted to (NaN without one); complete: whether all
     candidates of its step, and other values of what is held fixed, were tried beside the effect; tried: whether all
-    identified curves were.
+    identified curves were; law: the refit of the effect with which the curves were compared.
     """
 
     explained: float
@@ -61,6 +61,7 @@ class Adequacy:
     covered: float = float("nan")
     complete: bool = True
     tried: bool = True
+    law: Refit | None = None
 
     @property
     def decided(self) -> bool:
@@ -115,7 +116,7 @@ def adequacy(chosen: Refit, made: Stage, beside: Comparand, curves: Stage | None
     if there is not None and _explains_most(there, rival) \
             and (so_far := coverage(there, beside.experiment)) >= DECISION.covered:  # (which takes runs of all records)
         here, there, beaten, covered = there, None, True, so_far
-    return Adequacy(explained, here, there, beaten, covered, complete, curves is not None and not curves.partial)
+    return Adequacy(explained, here, there, beaten, covered, complete, curves is not None and not curves.partial, law)
 
 
 def _explains_most(curve: Refit, law: Refit) -> bool:
@@ -133,10 +134,10 @@ def better(one: Refit, other: Refit) -> bool:
 
 
 def _as_good(curve: Refit, named: Refit, misfit: float) -> bool:
-    """Whether a curve at another place predicts as well as the named effect: it leaves less, or more by no material share of
-    the misfit, or not significantly more and explains at least half of what that explains, as any candidate of the set."""
+    """Whether a curve at another place predicts as well as the named effect: it does not leave materially more, or not
+    significantly more and explains at least half of what that explains, as any candidate of the set."""
     explained, other = misfit + 1.0 - loss(named), misfit + 1.0 - loss(curve)
-    return loss(curve) - loss(named) <= DECISION.material * misfit \
+    return loss(curve) <= loss(named) or not differs_materially(named, curve, misfit) \
         or (not better(named, curve) and other >= DECISION.mainly * explained)
 
 
