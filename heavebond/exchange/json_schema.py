@@ -204,8 +204,8 @@ def _effect(domain: Schema) -> Schema:
         "class": TEXT, "description": TEXT, "attaches": {"anyOf": [attaches, {"type": "array", "items": attaches}]},
         "amplitude": {"anyOf": [WORDS, _each(TEXT)]}, "search_range": _each(TEXT), "also": _each(domain), "replaces": TEXT,
         "start": _each(FORMULA), "settled": WORDS,
-        "meaning": _said("the effect in a sentence with fields, `Dry friction of {F_c} {place}.`")}, ["class", "description"],
-        "that it may be what another diagram lacks")
+        "meaning": _said("the effect in a sentence with fields, `Dry friction of {F_c} {place}.`")},
+        ["class", "description"], "that it may be what another diagram lacks")
 
 
 # -- parts of them ---------------------------------------------------------------------------------------------------
