@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -71,16 +72,17 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     except KeyboardInterrupt:
         click.echo("ended before all records were simulated: there is nothing to report yet", err=True)
         raise
+    # who ends a search waits for its answer alone
+    places = None if found.partial or found.localization is not None else _where(found, budget)
+    found = replace(found, localization=found.localization or places)
     with finishing(terminal.warn):
         terminal.show(diagnosis_items(found))
         targets = Targets.beside(given, folder)  # another command may have written there meanwhile
         files = write_findings(given, found.added, targets)
         proposed = write_proposal(found.separation, targets.proposal) if found.separation is not None else []
-    # who ends a search waits for its answer alone
-    places = None if found.partial else _where(found, budget)
     with finishing(terminal.warn):
         page = report_file or targets.report
-        write_text(page, report(found, places, written=files))
+        write_text(page, report(found, found.localization, written=files))
     console = terminal.output()
     if (files or proposed) and targets.passed:
         console.print(f"{targets.passed} exists and is kept: the new files have the next free number", soft_wrap=True)

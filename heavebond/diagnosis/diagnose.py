@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import inf
 
 from heavebond.core import facade
@@ -38,6 +39,7 @@ from heavebond.diagnosis.answer.sentences import (
     wrong_channels,
     wrong_starts,
 )
+from heavebond.diagnosis.answer.tree import Tree, answer_tree
 from heavebond.diagnosis.answer.verdict import sheet_p_value
 from heavebond.diagnosis.candidates.catalogue import called
 from heavebond.diagnosis.evidence.flexible_laws import Adequacy, Remainder
@@ -61,6 +63,7 @@ from heavebond.estimation.excerpts import cut
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile
 from heavebond.estimation.fitting import Fit
 from heavebond.experiment_design.separation import Separation
+from heavebond.localise.misfit import Localization
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,8 @@ class Diagnosis:
     experiment on the samples that the search used; `untried` what was not tried, as the search was ended early (candidates
     of a step that was cut short are in that step). One that was ended before its first candidate was scored has no steps,
     one that was ended before all records were simulated no ladder. `evidence` is what the probabilities of `events` are
-    computed from, `restricted` whether only classes of effects were tried.
+    computed from, `restricted` whether only classes of effects were tried. `localization` is the unknown input of the first
+    diagram, place by place, where it was estimated: the evidence for the upper levels of the `tree`.
     """
 
     experiment: Experiment
@@ -97,6 +101,7 @@ class Diagnosis:
     remainder: Remainder | None = None
     evidence: Evidence | None = None
     restricted: bool = False
+    localization: Localization | None = None
 
     def __repr__(self) -> str:
         return brief(self, self.experiment.name, self.verdict, *self.words)
@@ -118,6 +123,11 @@ class Diagnosis:
         if self.evidence is None or self.restricted:
             return ()
         return stated(probabilities(self.evidence), self.named_first)
+
+    @cached_property
+    def tree(self) -> Tree:
+        """The answer from the top down: measuring chain or machine, place, kind, class, law, each with its probability."""
+        return answer_tree(self.steps, self.evidence, self.findings, self.ladder, self.localization, self.partial)
 
     @property
     def named_first(self) -> tuple[str, ...]:
@@ -142,7 +152,8 @@ class Diagnosis:
     def as_dict(self) -> dict[str, object]:
         """Everything for machines."""
         return {
-            "verdict": self.verdict, "words": list(self.words), "probabilities": [e.as_dict() for e in self.events],
+            "verdict": self.verdict, "tree": self.tree.as_dict(), "words": list(self.words),
+            "probabilities": [e.as_dict() for e in self.events],
             "partial": self.partial, "not_tried": list(self.untried),
             "lost": sorted({label for stage in self.steps for label in stage.lost}),
             "steps": [f.as_dict() for f in self.findings], "uncertain": [f.as_dict() for f in self.doubtful],

@@ -14,6 +14,11 @@ with prewhitening: L. D. Haugh, 1976, doi:10.1080/01621459.1976.10480353; robust
 computes u(t) from the reading at t shows at k = 0, with w what the past alone does not predict. So does an error of the
 model's direct transmission from u(t); it is feedback where w follows v by more than all of the model's own transmission.
 What the residual has in proportion to the model is taken out before: a sensor of other sign, unit or gain is no feedback.
+
+Noise n of a measured input that the machine does not see gives such a correlation too, without feedback: the model responds
+to it, e = -H n, and the past of e then tells more of the true input than the past of the noisy one. So the correlation is
+computed again for a noise of the size that the input has, with the response H of the model (its cross-spectrum with the
+input): where this alone gives as much as half of what is seen, feedback is not shown.
 """
 
 from __future__ import annotations
@@ -34,6 +39,10 @@ LEVEL = 1e-4  # of false alarms, over all lags
 LEAST = 0.05**0.5  # correlation: less than 5 % of the variance of an input's innovations biases little
 SAMPLES = 20_000  # at most, from the beginning
 SHORTEST = 10 * ORDER
+SMOOTHED = 7  # samples of the cubics that separate the noise of an input from its course
+ALONE = 0.5  # share of a correlation from which on noise of the input explains it
+QUANTISED = 0.2  # share of different values among the samples of an input below which it is quantised
+SEGMENT = 1024  # samples of the segments that spectra are averaged over
 
 
 @dataclass(frozen=True)
@@ -69,12 +78,21 @@ def closed_loops(experiment: Experiment, record: Record, channels: Mapping[str, 
 
 def feedback(u: Array, e: Array, model: Array) -> Feedback | None:
     """The feedback from a residual e (n,) of a channel to an input u (n,) at the same times; None where it is not
-    significant. `model` (n,) is the channel as simulated."""
-    from scipy.special import erfcinv
-
+    significant, or where noise of the input alone would look so. `model` (n,) is the channel as simulated."""
     u, e, model = u[:SAMPLES], e[:SAMPLES], model[:SAMPLES]
     if len(u) < SHORTEST or not np.ptp(u) or not np.ptp(e):
         return None
+    found = _largest(u, e, model)
+    if found is None:
+        return None
+    alone = _largest(*_with_input_noise(u, e, model))
+    return None if alone is not None and alone.correlation / found.correlation >= ALONE else found
+
+
+def _largest(u: Array, e: Array, model: Array) -> Feedback | None:
+    """The largest significant correlation."""
+    from scipy.special import erfcinv
+
     own, e = _past(u), _without(e, model)
     past = _past(e)
     v = _innovations(u[ORDER:], own)
@@ -95,6 +113,30 @@ def feedback(u: Array, e: Array, model: Array) -> Feedback | None:
                 LEAST, abs(best.correlation) if best is not None else 0.0):
             best = found
     return best
+
+
+def _with_input_noise(u: Array, e: Array, model: Array) -> tuple[Array, Array, Array]:
+    """Input, residual and model of a machine that is driven by the smooth course of the input, and a model that is driven by
+    this with noise of the size that the input has; with white noise beside, so that the innovations of the residual have
+    their size."""
+    from scipy.signal import csd, savgol_filter, welch
+
+    rng = np.random.default_rng(0)
+    smooth = savgol_filter(u, SMOOTHED, 3)
+    kept = 1 - float(savgol_filter(np.eye(SMOOTHED)[SMOOTHED // 2], SMOOTHED, 3)[SMOOTHED // 2])  # share of white noise
+    noise = float(np.std(u - smooth)) / np.sqrt(kept) * rng.standard_normal(len(u))
+    levels = np.unique(u)
+    if len(levels) < QUANTISED * len(u):
+        step = float(np.median(np.diff(levels)))
+        noise = step * np.round(smooth / step) - smooth
+    segment = min(SEGMENT, len(u))
+    f, power = welch(u, nperseg=segment)
+    response = csd(u, model, nperseg=segment)[1] / np.maximum(power, 1e-12 * float(power.max()))
+    own = np.fft.rfftfreq(2 * len(u))
+    passed = np.fft.irfft(np.interp(own, f, response) * np.fft.rfft(noise, 2 * len(u)))[:len(u)]
+    innovations = [float(np.var(_innovations(x[ORDER:], _past(x)))) for x in (_without(e, model), passed)]
+    left = np.sqrt(max(0.0, innovations[0] - innovations[1])) * rng.standard_normal(len(u))
+    return smooth + noise, left - passed, model + passed
 
 
 def _without(e: Array, model: Array) -> Array:

@@ -157,7 +157,8 @@ def component_file(known: Library) -> Schema:
         "integer": _said("a whole number; written without a value", {}), "class": TEXT, "search_range": TEXT,
         "wakes_with": WORDS, "count": COUNT,
         "medium": _said("the property of the medium in its circuit that it is taken from"),
-        "width": _said("the width of a transition that makes a law smooth; written without a value", {})})
+        "width": _said("the width of a transition that makes a law smooth; written without a value", {}),
+        "meaning": _said("the effect of another value in a sentence with fields, `Leakage of {C} in {part}.`")})
     variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,
                         "nominal": QUANTITY, "count": COUNT,
                         "physical": _said("the limit below which a run ends with an error", QUANTITY),
@@ -202,7 +203,9 @@ def _effect(domain: Schema) -> Schema:
     return _object({
         "class": TEXT, "description": TEXT, "attaches": {"anyOf": [attaches, {"type": "array", "items": attaches}]},
         "amplitude": {"anyOf": [WORDS, _each(TEXT)]}, "search_range": _each(TEXT), "also": _each(domain), "replaces": TEXT,
-        "start": _each(FORMULA), "settled": WORDS}, ["class", "description"], "that it may be what another diagram lacks")
+        "start": _each(FORMULA), "settled": WORDS,
+        "meaning": _said("the effect in a sentence with fields, `Dry friction of {F_c} {place}.`")},
+        ["class", "description"], "that it may be what another diagram lacks")
 
 
 # -- parts of them ---------------------------------------------------------------------------------------------------

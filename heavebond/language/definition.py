@@ -169,6 +169,16 @@ HELD = ("middle", "half", "peak")
 
 
 @dataclass(frozen=True)
+class Meaning:
+    """A sentence of physics about an effect: `texts` with a field between each two of them. A field is a name (`part`,
+    `place`, a port or a parameter) or a formula of the component's parameters."""
+
+    texts: tuple[str, ...]
+    fields: tuple[str | Expr, ...]
+    place: Place
+
+
+@dataclass(frozen=True)
 class Effect:
     """What a component would be if it were missing from a diagram: an entry of the catalogue.
 
@@ -177,7 +187,7 @@ class Effect:
     within a range; shapes: the other parameters that are sought; also: further ports and the domain on whose nodes they
     are tried; replaces: the component whose place it takes, `start` giving its parameters by those of the `old` one;
     settled: variables (`v`) and rates (`der(v)`) that are zero at the start of a record, as far as that is open: a
-    machine that runs already.
+    machine that runs already; meaning: what the effect does, with its values, in a sentence.
     """
 
     kind: str
@@ -190,6 +200,7 @@ class Effect:
     start: dict[str, Formula]
     settled: tuple[str, ...]
     place: Place
+    meaning: Meaning | None = None
 
 
 # between two nodes; on a node; between a port and its node; before a signal input; behind a measured output
@@ -201,7 +212,7 @@ class Parameter:
     """A constant of a component, or with `count` a list of them, with `columns` a matrix; bounds and default in SI.
 
     `neutral` is the value at which an effect is absent: such a parameter is a dormant effect, called `kind`, `sought`
-    within a range when it wakes and with it those it `wakes_with`.
+    within a range when it wakes and with it those it `wakes_with`; `meaning` describes the effect with its value.
     `medium` names the parameter of the circuit's medium whose value it takes where it is not given.
     A `width` is that of a transition which makes a law smooth: results should not depend on it. One in the unit of a speed
     is that of dry friction around rest.
@@ -223,6 +234,7 @@ class Parameter:
     medium: str = ""
     width: bool = False
     columns: Expr | None = None
+    meaning: Meaning | None = None
 
 
 def rate_of(text: str) -> str | None:

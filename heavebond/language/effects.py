@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ from heavebond.language.definition import (
     Component,
     Effect,
     Formula,
+    Meaning,
     Parameter,
     Port,
     SearchRange,
@@ -21,10 +23,12 @@ from heavebond.language.definition import (
     Variable,
     rate_of,
 )
-from heavebond.text.expression import names
+from heavebond.text.dimensions import number_dimension
+from heavebond.text.expression import Expr, ExpressionProblem, Name, names, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar
 
-KEYS = ("class", "description", "attaches", "amplitude", "search_range", "also", "replaces", "start", "settled")
+KEYS = ("class", "description", "attaches", "amplitude", "search_range", "also", "replaces", "start", "settled",
+        "meaning")
 
 
 def read_search_range(node: Node | None, unit: Unit, variables: Dictionary[str, Variable], what: str, problems: Problems
@@ -55,6 +59,28 @@ def read_search_range(node: Node | None, unit: Unit, variables: Dictionary[str, 
     return SearchRange(found, "", node.place)
 
 
+WORDS = ("part", "place")  # fields of `meaning:` beside the ports: the name of the part, and the place in words
+
+
+def read_meaning(node: Node | None, problems: Problems) -> Meaning | None:
+    """A sentence with fields in braces: `Dry friction of {F_c} {place}.`"""
+    text = reading.text(node, "meaning", problems)
+    if node is None or not text:
+        return None
+    pieces = re.split(r"\{([^{}]*)\}", text)
+    if any(set(piece) & {"{", "}"} for piece in pieces):
+        problems.add("meaning-braces", "a brace of the meaning has no partner", node.place,
+                     hint="Write a field as `{F_c}`; braces cannot be nested.")
+        return None
+    fields: list[str | Expr] = []
+    for piece in pieces[1::2]:
+        expr = reading.parsed(parse_formula, piece, node.place, problems)
+        if expr is None:
+            return None
+        fields.append(piece if isinstance(expr, Name) and len(expr.parts) == 1 and isinstance(expr.parts[0], str) else expr)
+    return Meaning(tuple(pieces[::2]), tuple(fields), node.place)
+
+
 def _check_ends(found: Range, unit: Unit, said: str) -> None:
     if not is_generic(unit.dimension):
         check_unit(found.unit, unit, found.low, said)
@@ -83,8 +109,10 @@ class EffectReader:
             reading.text(entry.items.get("description"), "description", self.problems), attaches,
             self._amplitude(entry.items.get("amplitude")), self._shapes(entry.items.get("search_range"), "search_range"),
             also, reading.text(entry.items.get("replaces"), "replaces", self.problems),
-            self._start(entry.items.get("start")), self._settled(entry.items.get("settled")), entry.place)
+            self._start(entry.items.get("start")), self._settled(entry.items.get("settled")), entry.place,
+            read_meaning(entry.items.get("meaning"), self.problems))
         self._check(entry)
+        self._check_meaning(found.meaning, () if found.replaces else tuple(self.ports))
         return found
 
     def _attaches(self, entry: Mapping, also: Dictionary[str, str]) -> tuple[str, ...]:
@@ -188,6 +216,24 @@ class EffectReader:
                                   hint=suggest(name, self.variables) or f"Variables: {listing(self.variables)}.")
         return tuple(found)
 
+    def _check_meaning(self, meaning: Meaning | None, ports: tuple[str, ...]) -> None:
+        """Each field is a word, one of the `ports`, or a formula of parameters with a unit."""
+        if meaning is None:
+            return
+        for field in meaning.fields:
+            known = [*self.parameters, *WORDS, *ports]
+            unknown = [name for name in ([field] if isinstance(field, str) else [n.text for n in names(field)])
+                       if name not in (known if isinstance(field, str) else self.parameters)]
+            for name in unknown:
+                self.problems.add("meaning-unknown", f"'{name}' in the meaning is no parameter of this component",
+                                  meaning.place, hint=suggest(name, known) or f"Fields: {listing(known)}.")
+            if unknown or isinstance(field, str):
+                continue
+            try:
+                number_dimension(field, lambda name: self.parameters[name.text].unit.dimension)
+            except ExpressionProblem as problem:
+                self.problems.add(problem.code, problem.message, meaning.place, hint=problem.hint)
+
     def _check(self, entry: Mapping) -> None:
         """What is left out; an entry that is there but wrong has been told already."""
         problems, place = self.problems, entry.place
@@ -207,7 +253,8 @@ class EffectReader:
     def dormant(self) -> None:
         """Notes what parameters say of effects that could wake, where that is not so."""
         for parameter in self.parameters.values():
-            needed = (("class", parameter.kind), ("wakes_with", parameter.wakes_with))
+            needed = (("class", parameter.kind), ("wakes_with", parameter.wakes_with), ("meaning", parameter.meaning))
+            self._check_meaning(parameter.meaning, ())
             for key in [key for key, given in needed if given and parameter.neutral is None]:
                 self.problems.add("effect-neutral", f"'{parameter.name}' has `{key}:` but no value at which the effect is "
                                   "absent", parameter.place, hint="Add `neutral: 0`, or the value at which it is absent.")

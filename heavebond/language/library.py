@@ -284,9 +284,13 @@ def domains() -> dict[str, Domain]:
     return found
 
 
+KINDS = ("rate", "displacement", "acceleration", "storage", "source", "transport", "measurement")
+
+
 @lru_cache(maxsize=1)
-def effect_classes() -> Dictionary[str, str]:
-    """Classes of effects that are special cases and the class of each (`components/effect_classes.yaml`)."""
+def _effect_classes() -> Dictionary[str, tuple[str, str]]:
+    """Each class of effects with the class that it is a special case of, or else its kind (see KINDS), from
+    `components/effect_classes.yaml`."""
     path = bundled("components") / "effect_classes.yaml"
     source = read(path, shown_path(path), bundled=True)
     problems = Problems()
@@ -294,10 +298,22 @@ def effect_classes() -> Dictionary[str, str]:
     for name, node in source.root.items.items():
         entry = reading.mapping(node, name, problems)
         if entry is not None:
-            reading.known_keys(entry, ("is",), f"class '{name}'", problems, required=("is",))
-            found[name] = reading.text(entry.items.get("is"), "is", problems)
+            reading.known_keys(entry, ("is", "kind"), f"class '{name}'", problems)
+            found[name] = (reading.text(entry.items.get("is"), "is", problems),
+                           reading.text(entry.items.get("kind"), "kind", problems))
     problems.raise_as(ModelError)
     return found
+
+
+def effect_classes() -> Dictionary[str, str]:
+    """Classes of effects that are special cases and the class of each (`components/effect_classes.yaml`)."""
+    return {name: parent for name, (parent, _) in _effect_classes().items() if parent}
+
+
+def effect_kind(name: str) -> str:
+    """The kind of a class of effects, one of KINDS; empty for a class that the library does not have."""
+    parent, kind = _effect_classes().get(name, ("", ""))
+    return effect_kind(parent) if parent else kind
 
 
 def same_class(one: str, other: str) -> bool:

@@ -25,6 +25,7 @@ from heavebond.reports.result_tables import (
     fit_items,
     ladder_table,
     probability_table,
+    tree_tables,
 )
 from heavebond.text.expression import Number
 
@@ -96,11 +97,12 @@ def fit_html(fit: Fit) -> Html:
 
 
 def diagnosis_html(diagnosis: Diagnosis) -> Html:
-    """A diagnosis: its verdict in words, probabilities, the errors of the models, and the parameters of each finding."""
-    effects = (*diagnosis.findings, *diagnosis.doubtful)
-    tables = [*probability_table(diagnosis), ladder_table(diagnosis.ladder, "model"), *map(effect_table, effects)]
-    return element("div", _heading(diagnosis.experiment.name, f"verdict {diagnosis.verdict}"), _list(diagnosis.words),
-                   *_items(tables))
+    """A diagnosis: its answer by levels, its verdict in words, probabilities, the errors of the models, and the parameters
+    of each added effect."""
+    tables = [*tree_tables(diagnosis.tree), *probability_table(diagnosis), ladder_table(diagnosis.ladder, "model"),
+              *map(effect_table, diagnosis.findings), *map(effect_table, diagnosis.doubtful)]
+    return element("div", _heading(diagnosis.experiment.name, f"verdict {diagnosis.verdict}"),
+                   _list((*diagnosis.tree.words, *diagnosis.words)), *_items(tables))
 
 
 # -- rows ----------------------------------------------------------------------------------------------------------

@@ -16,8 +16,10 @@ from heavebond.core.errors import HeavebondError
 from heavebond.core.presentation import count, number, path_text, readable_difference, readable_unit
 from heavebond.core.units import read_unit
 from heavebond.core.version import VERSION
+from heavebond.diagnosis.answer.tree import SHOWN, Node, Tree
+from heavebond.diagnosis.answer.verdict import without_effects
 from heavebond.diagnosis.diagnose import Diagnosis
-from heavebond.diagnosis.evidence.probability import PROBABILITY
+from heavebond.diagnosis.evidence.probability import PROBABILITY, percent
 from heavebond.diagnosis.state import AddedEffect, LadderEntry, channel_errors, parameter_description, restrictions
 from heavebond.estimation.comparison import RecordComparison
 from heavebond.estimation.fitting import Fit
@@ -103,17 +105,31 @@ def _head(diagnosis: Diagnosis, title: str) -> Html:
 def _verdict(diagnosis: Diagnosis) -> Html:
     kind, mood = KINDS[diagnosis.verdict]
     if diagnosis.verdict == "undetermined" and diagnosis.partial:
-        kind = "No conclusion yet: the search was ended early"
-    first, *rest = diagnosis.words
+        kind = "The search was ended early"
+    first, *rest = diagnosis.tree.words
     box = element("section", element("p", kind, class_="kind"), element("p", first, class_="said"),
-                  *(element("p", line) for line in rest), class_=f"verdict {mood}", aria_label="verdict")
+                  *(element("p", line) for line in rest), _tree(diagnosis.tree),
+                  *(element("p", line) for line in diagnosis.words), class_=f"verdict {mood}", aria_label="verdict")
     return joined([box, _figures(diagnosis)]) if diagnosis.ladder else box
+
+
+def _tree(tree: Tree) -> Html:
+    """The levels of the answer, system, place, kind, class and law, as nested lists with their probabilities."""
+    def listed(node: Node) -> Html:
+        items = [element("li", child.name, " ", element("small", percent(child.probability)), listed(child))
+                 for child in node.children if child.probability >= SHOWN]
+        return element("ul", *items) if items else Html("")
+
+    several = len(tree.effects) > 1
+    parts = [joined([*([element("p", f"{k}. {effect.name}", class_="small")] if several else []), listed(effect.root)])
+             for k, effect in enumerate(tree.effects, 1)]
+    return element("div", *parts, class_="levels") if parts else Html("")
 
 
 def _figures(diagnosis: Diagnosis) -> Html:
     """The summary values. Errors in the units of the channels, with their noise, come first, since an error may be a small
     share of the measured signal and many times the noise."""
-    first, last = diagnosis.ladder[0], diagnosis.ladder[-1]
+    first, last = without_effects(diagnosis.ladder, diagnosis.added), diagnosis.ladder[-1]
     held = math.isfinite(last.error_held_out)
     errors = [r.error_held_out if held else r.error_fit for r in (first, last)]
     chi2 = [r.chi2_held_out if held else r.chi2_fit for r in (first, last)]

@@ -11,11 +11,12 @@ from functools import partial
 from heavebond.core.errors import listing
 from heavebond.core.presentation import count, in_unit, number, readable, readable_difference, readable_unit
 from heavebond.core.units import read_unit
-from heavebond.diagnosis.answer.ranking import entries, shown_in
+from heavebond.diagnosis.answer.ranking import conclusion, entries, shown_in
 from heavebond.diagnosis.answer.sentences import at_ends
+from heavebond.diagnosis.answer.tree import Tree, branches
 from heavebond.diagnosis.attempt import Attempt
 from heavebond.diagnosis.diagnose import Diagnosis
-from heavebond.diagnosis.evidence.probability import PROBABILITY
+from heavebond.diagnosis.evidence.probability import PROBABILITY, percent
 from heavebond.diagnosis.search.step import Stage
 from heavebond.diagnosis.state import AddedEffect, LadderEntry, parameter_description
 from heavebond.estimation.comparison import Channel, Comparison
@@ -28,6 +29,7 @@ FITTED = ("parameter", "before", "fitted", "95 % interval", "range")
 RECORDS = ("record", "channel", "error before", "after", "noise", "reduced chi-square")
 LADDER = ("error, fitted", "held out", "chi-square, fitted", "held out")
 EVENTS = ("explanation", "probability")
+LEVELS = ("system, place, kind, class, law", "probability")
 PLACES = ("place", "explains", "behind", "rms", "follows", "R2", "shape")
 EFFECT = ("parameter", "fitted", "95 % interval", "sought in", "what it is")
 
@@ -186,14 +188,26 @@ def _place(suspect: PlaceEstimate) -> tuple[str, ...]:
 
 # -- diagnose ------------------------------------------------------------------------------------------------------------
 def diagnosis_items(found: Diagnosis) -> list[Item]:
-    """The ladder, the candidates of each step, the numbers of what was found, probabilities, and the verdict."""
-    items: list[Item] = [ladder_table(found.ladder, "model")] if found.ladder else []
+    """The answer with its levels, the table of models, the candidates of each step, the values of the added effects,
+    probabilities, and the verdict."""
+    items: list[Item] = [*map(Line, found.tree.words), *tree_tables(found.tree)]
+    items += [ladder_table(found.ladder, "model")] if found.ladder else []
     items += [ranking_table(step, f"Step {k}: " if len(found.steps) > 1 else "")
               for k, step in enumerate(found.steps, 1) if step.trials]
     if found.verdict == "parameters" and found.fitted is not None:
         items.append(fitted_parameters(found.fitted))
     items += [effect_table(finding) for finding in found.added]
     return [*items, *probability_table(found), *map(Line, found.words)]
+
+
+def tree_tables(tree: Tree) -> list[ResultTable]:
+    """The levels of the answer with their probabilities, a table for each effect."""
+    tables = []
+    for k, effect in enumerate(tree.effects, 1):
+        title = "The answer by levels" + (f", effect {k}" if len(tree.effects) > 1 else "")
+        rows = [(f"{'  ' * depth}{node.name}", percent(node.probability)) for depth, node in branches(effect.root)]
+        tables.append(ResultTable(title, LEVELS, rows))
+    return tables
 
 
 def probability_table(found: Diagnosis) -> list[ResultTable]:
@@ -226,8 +240,7 @@ def ranking_table(step: Stage, which: str) -> ResultTable:
     shown += tuple(e for e in ranked[len(shown):] if e["cluster"])
     rows = [[column.text(entry) for column in columns] for entry in shown]
     more = f", the {RANKED} best shown" if len(step.trials) > RANKED else ""
-    alike = {0: "none is better than by chance", 1: "* chosen"}.get(len(step.cluster), "* cannot be distinguished")
-    title = f"{which}{count(len(step.scores), 'candidate')} scored, {len(step.trials)} fitted{more} ({alike})"
+    title = f"{which}{count(len(step.scores), 'candidate')} scored, {len(step.trials)} fitted{more} ({conclusion(step)})"
     return ResultTable(title, [column.title for column in columns], rows, text=sum(not c.numeric for c in columns))
 
 

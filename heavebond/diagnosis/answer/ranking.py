@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 from heavebond.core.presentation import number
 from heavebond.diagnosis.candidates.catalogue import Candidate
-from heavebond.diagnosis.evidence.comparison import likelihood
+from heavebond.diagnosis.decision import DECISION
+from heavebond.diagnosis.evidence.comparison import STRONG, likelihood
 from heavebond.diagnosis.search.refit import Refit
-from heavebond.diagnosis.search.step import EARNED, Stage, fallen
+from heavebond.diagnosis.search.step import EARNED, Stage, fallen, is_noticeable, merit
 
 Cell = float | bool | str | tuple[str, ...] | None
 
@@ -28,6 +29,8 @@ JUDGEMENTS = {
     "not_significant": "no significant gain on held-out data",
     "larger_residual": "larger residual than the chosen one",
     "not_justified": "not statistically justified",
+    "immaterial": f"takes away less than {100 * DECISION.further:.0f} % of the misfit of its step",
+    "replaced": "justified, but another explanation is in the answer",
     "same_direction": "acts the same as a candidate that was fitted",
     "not_identifiable": "not identifiable beside the free parameters",
     "low_score": "score too small for a refit",
@@ -153,8 +156,8 @@ def entries(step: Stage) -> tuple[Entry, ...]:
         label = s.candidate.label
         if label not in fitted:
             why = "indistinguishable" if label in alike else "same_direction" if label in twins else \
-                "not_identifiable" if label in unseen else \
-                "low_score" if s.gain < least else "not_reached" if step.partial else "not_simulated"
+                "not_identifiable" if label in unseen else "not_simulated" if label in step.failed else \
+                "not_reached" if step.partial and s.gain >= least else "low_score"
             ranked.append(Entry(s.candidate, s.gain, None, step, why, s.told_apart))
     return tuple(ranked)
 
@@ -175,7 +178,20 @@ def _judged(trial: Refit, step: Stage, alike: set[str]) -> str:
         return "not_significant"
     if step.chosen is not None and likelihood(trial) > likelihood(step.chosen):
         return "larger_residual"
+    if step.chosen is None and merit(trial) < step.merit - EARNED:
+        return "replaced" if is_noticeable(step, trial) else "immaterial"
     return "not_justified"
+
+
+def conclusion(step: Stage) -> str:
+    """The result of a step in a few words: which entries of its ranking are in the answer, or why none is."""
+    if step.cluster:
+        return "* chosen" if len(step.cluster) == 1 else "* cannot be distinguished"
+    better = [t for t in step.trials if t.bic - step.bic < -STRONG]
+    if not better:
+        return "none is better than by chance"
+    best = min(better, key=lambda t: t.bic)
+    return f"none is in the answer; {best.candidate.label}: {JUDGEMENTS[_judged(best, step, set())]}"
 
 
 def as_dicts(ranked: Sequence[Entry]) -> list[dict[str, object]]:

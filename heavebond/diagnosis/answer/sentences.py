@@ -14,10 +14,11 @@ from heavebond.core.cancellation import ENDED_EARLY
 from heavebond.core.errors import listing
 from heavebond.core.presentation import count as counted
 from heavebond.core.presentation import number, readable, readable_difference
-from heavebond.diagnosis.answer.verdict import gone, held_out_or_fitted, is_still, near_noise
+from heavebond.diagnosis.answer.verdict import gone, held_out_or_fitted, is_still, near_noise, without_effects
 from heavebond.diagnosis.candidates.catalogue import called
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.decision import DECISION
+from heavebond.diagnosis.evidence.comparison import loss
 from heavebond.diagnosis.evidence.flexible_laws import OTHER_CAUSES, Adequacy, Remainder
 from heavebond.diagnosis.evidence.prediction import FITTED
 from heavebond.diagnosis.evidence.residual_tests import LEVELS
@@ -48,7 +49,7 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
         lines.append(f"The records are too short to distinguish them: they hold {number(blocks, 2)} independent blocks, and "
                      f"about {number(DECISION.blocks, 2)} are needed.")
     if findings:
-        lines.append(_fall(ladder[0], findings[-1].rung))
+        lines.append(_fall(without_effects(ladder, findings), findings[-1].rung, len(findings) > 1))
         lines += _not_held_out(findings[0], steps[0])
     ended = [name for name in steps[0].at_end if findings and name in findings[-1].fit.experiment.free]
     if ended and not steps[-1].at_end:
@@ -137,18 +138,19 @@ def _of_estimates(best: LadderEntry) -> list[str]:
                "next for an estimate: give its `noise:` to have more sought."] if less else [])]
 
 
-def _fall(first: LadderEntry, last: LadderEntry) -> str:
-    """The error in the units of the channels beside their noise, since a share of what was measured may be small and many
-    times the noise."""
+def _fall(fitted: LadderEntry, last: LadderEntry, several: bool) -> str:
+    """The errors without and with the effects, in the units of the channels with their noise, since a share of the measured
+    signal may be small and many times the noise. Both models have fitted parameters: what these take away is no effect."""
     channels = "; ".join(f"{a.channel} {a.words} to {b.words} (noise {readable_difference(b.noise, b.unit, 3)})" for a, b in
-                         zip(channel_errors(first), channel_errors(last), strict=True))
+                         zip(channel_errors(fitted), channel_errors(last), strict=True))
     held = math.isfinite(last.chi2_held_out)
-    pairs = [(r.error_held_out, r.chi2_held_out) if held else (r.error_fit, r.chi2_fit) for r in (first, last)]
+    pairs = [(r.error_held_out, r.chi2_held_out) if held else (r.error_fit, r.chi2_fit) for r in (fitted, last)]
     (error, chi2), (error_last, chi2_last) = pairs
     where, way = "held-out" if held else "fitted", "falls" if chi2_last < chi2 else "rises"
-    return f"The error on {where} data {way}: {channels}. That is {number(100 * error, 3)} % " \
-           f"to {number(100 * error_last, 3)} % of what was measured, reduced chi-square {number(chi2, 3)} to " \
-           f"{number(chi2_last, 3)}; 1 = noise level."
+    effects = "these effects" if several else "the effect"
+    return f"Compared with the fitted model without {effects}, the error on {where} data {way}: {channels}. That is " \
+           f"{number(100 * error, 3)} % to {number(100 * error_last, 3)} % of the measured signal, and reduced chi-square " \
+           f"{number(chi2, 3)} to {number(chi2_last, 3)} (1 = noise level)."
 
 
 def _not_held_out(finding: AddedEffect, step: Stage) -> list[str]:
@@ -208,9 +210,20 @@ def _yardstick(adequacy: Adequacy) -> list[str]:
         lines.append("An identified curve at this place does not explain much more (held-out chi-square per sample "
                      f"{number(curve.chi2_held_out, 3)}), so the residual is due to something else.")
     if other is not None:
-        lines.append(f"The place is not certain: an identified curve {other.candidate.place} predicts as well (chi-square "
-                     f"{number(other.chi2_held_out, 3)}).")
+        lines.append(_other_place(other, adequacy.law))
     return lines
+
+
+def _other_place(curve: Refit, law: Refit | None) -> str:
+    """That an identified curve at another place is not excluded: as it predicts as well, or although it leaves more."""
+    place, own = curve.candidate.place, loss(curve)
+    said = f"The place is not certain: an identified curve {place}"
+    if law is None:
+        return f"{said} predicts as well (chi-square of all predictions {number(own, 3)})."
+    figures = f"chi-square of all predictions {number(own, 3)}, with the named effect {number(loss(law), 3)}"
+    if own <= loss(law) + DECISION.material * max(loss(law), 1.0):
+        return f"{said} predicts as well ({figures})."
+    return f"{said} is not excluded. It leaves more ({figures}), but not significantly more, or a small part of the misfit."
 
 
 def _nothing(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage], *_: object) -> str:
@@ -345,8 +358,7 @@ def _noise_to_write(rung: LadderEntry) -> list[str]:
 def _undetermined(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
                   shape: AddedEffect | None) -> str:
     if steps[-1].partial or findings:
-        near = "; and ".join(map(_alternatives, findings))
-        return "No conclusion yet: the search was ended early." + (f" Best so far: {near}." if near else "")
+        return _leading_so_far(ladder, findings, steps)
     if not steps[0].left.significant and not is_still(ladder[0]):
         best = min(ladder, key=held_out_or_fitted)
         why = "The missing effect does not show where the model is fitted; give a longer or more exciting record " \
@@ -358,6 +370,29 @@ def _undetermined(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]
     if not steps[0].left.significant:
         return "Not decided by these records: no channel moves by more than a few times its noise."
     return "The residual exceeds the noise, but no effect of the catalogue reduces it noticeably on held-out data."
+
+
+def _leading_so_far(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> str:
+    """The best result of a search that was ended early, with its share of the misfit; "no conclusion" only if no candidate
+    takes away a good part of it."""
+    if findings:
+        near = "; and ".join(map(_alternatives, findings))
+        share = gone(held_out_or_fitted(without_effects(ladder, findings)), held_out_or_fitted(findings[-1].rung))
+        return f"The search was ended early. Best so far: {near}; {_share(share)} % of the misfit is explained."
+    step = steps[-1]
+    shares = [(_share_of(step, trial), trial.candidate) for trial in step.trials]
+    if not shares or shares[0][0] < DECISION.mainly:
+        return "No conclusion yet: the search was ended early."
+    (share, first), others = shares[0], shares[1:]
+    behind = [f"{called(c)} explains {_share(s)} %" for s, c in others if (c.kind, c.where) != (first.kind, first.where)][:1]
+    return f"The search was ended early. Best so far: {called(first)}, which explains {_share(share)} % of the misfit" \
+        + (f"; of the others {behind[0]}" if behind else "") + "."
+
+
+def _share_of(step: Stage, trial: Refit) -> float:
+    """The share of the misfit of a step that a refit takes away, on held-out data where there are any."""
+    held = math.isfinite(step.chi2_held_out)
+    return gone(*((step.chi2_held_out, trial.chi2_held_out) if held else (step.chi2_fit, trial.chi2_fit)))
 
 
 _WORDS: dict[str, Callable[..., str]] = {

@@ -40,6 +40,12 @@ def is_adequate(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]) 
     return len(findings) == 1 and near_noise(last) and gone(first, held_out_or_fitted(last)) >= DECISION.mainly
 
 
+def without_effects(ladder: Sequence[LadderEntry], added: Sequence[AddedEffect]) -> LadderEntry:
+    """The model that the added effects are compared with: the last one without any, its free parameters fitted."""
+    before = list(takewhile(lambda entry: not any(entry is effect.rung for effect in added), ladder))
+    return before[-1] if before else ladder[0]
+
+
 def gone(first: float, last: float) -> float:
     """The share of what is above the noise that is taken away."""
     return (first - last) / (first - 1) if first > 1 else 0.0

@@ -91,7 +91,7 @@ def compared(best: Refit, trials: Sequence[Refit], before: PredictiveErrors) -> 
     found = _set(best, others)
     misfit = max(before.mean(*ALL) - 1.0, 0.0)
     near = [t for k, t in enumerate(others, 1) if _explains(best, t, misfit)
-            and (found is None or k in found or not _material(best, t, misfit))]
+            and (found is None or k in found or not differs_materially(best, t, misfit))]
     return Identity((best, *near), found.blocks if found is not None else float("nan"))
 
 
@@ -123,7 +123,7 @@ def _explains(best: Refit, other: Refit, misfit: float) -> bool:
     return misfit - min(_left(other, joint) for joint in (False, True)) >= DECISION.mainly * (misfit - _left(best, False))
 
 
-def _material(best: Refit, other: Refit, misfit: float) -> bool:
+def differs_materially(best: Refit, other: Refit, misfit: float) -> bool:
     """Whether another candidate leaves more by a material share of the misfit, or several times what the best leaves above
     the noise; also where what it leaves because its own numbers are uncertain is not counted."""
     def differ(least: float, more: float) -> bool:

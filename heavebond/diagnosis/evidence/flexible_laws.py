@@ -28,7 +28,7 @@ from heavebond.core.presentation import number
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.candidates.places import candidates
 from heavebond.diagnosis.decision import DECISION
-from heavebond.diagnosis.evidence.comparison import ALL, loss
+from heavebond.diagnosis.evidence.comparison import ALL, differs_materially, loss
 from heavebond.diagnosis.evidence.prediction import PredictiveErrors, confidence_set
 from heavebond.diagnosis.search.refit import Refit
 from heavebond.diagnosis.search.step import Stage, following, make_curve_stage
@@ -137,10 +137,10 @@ def better(one: Refit, other: Refit) -> bool:
 
 
 def _as_good(curve: Refit, named: Refit, misfit: float) -> bool:
-    """Whether a curve at another place predicts as well as the named effect: it leaves less, or more by no material share of
-    the misfit, or not significantly more and explains at least half of what that explains, as any candidate of the set."""
+    """Whether a curve at another place predicts as well as the named effect: it does not leave materially more, or not
+    significantly more and explains at least half of what that explains, as any candidate of the set."""
     explained, other = misfit + 1.0 - loss(named), misfit + 1.0 - loss(curve)
-    return loss(curve) - loss(named) <= DECISION.material * misfit \
+    return loss(curve) <= loss(named) or not differs_materially(named, curve, misfit) \
         or (not better(named, curve) and other >= DECISION.mainly * explained)
 
 

@@ -77,10 +77,17 @@ CALIBRATION = Calibration()
 PROBABILITY = f"Probability, calibrated on {CALIBRATION.cases} cases"  # a heading
 
 
+def percent(probability: float) -> str:
+    """A probability in whole percent; none is certain."""
+    value = 100 * probability
+    return "> 99 %" if value > 99 else "< 1 %" if value < 1 else f"{value:.0f} %"
+
+
 @dataclass(frozen=True)
 class Event:
     """Something that the records may be explained by, and its probability. Of an effect: its class `kind`, its `place` in
-    words and `where` in names, and the `labels` of its candidates; of other events `kind` alone."""
+    words and `where` in names, and the `labels` of its candidates; of an identified curve the variable on which it depends
+    (`kind`: rate or displacement) and its place; of other events `kind` alone."""
 
     kind: str
     probability: float
@@ -91,9 +98,7 @@ class Event:
     @property
     def row(self) -> tuple[str, str]:
         """The event in words and its probability in whole percent, for tables; none is certain."""
-        percent = 100 * self.probability
-        said = "> 99 %" if percent > 99 else "< 1 %" if percent < 1 else f"{percent:.0f} %"
-        return f"{self.kind} {self.place}".rstrip(), said
+        return f"{self.kind} {self.place}".rstrip(), percent(self.probability)
 
     def as_dict(self) -> dict[str, object]:
         """What it is and how probable, for machines."""
@@ -171,7 +176,7 @@ def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float =
     best = [min(family, key=loss) for family in alike]
     later = [step.chosen for step in steps[1:] if step.chosen is not None and step.chosen.errors is not None]
     left = max(1.0, min(map(loss, [*best, *later]), default=1.0))
-    return Evidence(*_weighted(alike, _to_simpler(alike, best, _weights(best), made), made), left,
+    return Evidence(*_weighted(alike, _to_simpler(alike, best, law_weights(best), made), made), left,
                     factor_bound(_p_value(made.left)), factor_bound(sheet), *_flexible(adequacy), _untried(made))
 
 
@@ -195,9 +200,15 @@ def _flexible(adequacy: Adequacy | None) -> tuple[tuple[Event, ...], dict[float,
     for curve in sorted(adequacy.curves, key=loss):
         best.setdefault(frozenset(curve.candidate.where), curve)
     curves = list(best.values())
-    weights = _weights([adequacy.law, *curves])
-    return tuple(Event(c.candidate.kind, 0.0, c.candidate.place, c.candidate.where, (c.candidate.label,)) for c in curves), \
+    weights = law_weights([adequacy.law, *curves])
+    return tuple(Event(_depends_on(c.candidate), 0.0, c.candidate.place, c.candidate.where, (c.candidate.label,))
+                 for c in curves), \
         {t: found[1:] / max(float(found[0]), 1e-6) for t, found in weights.items()}
+
+
+def _depends_on(curve: Candidate) -> str:
+    """Whether an identified curve depends on a displacement or on a rate, by the unit of the limits of its variable."""
+    return "displacement" if any(n.follows and n.unit.text in ("m", "rad") for n in curve.numbers) else "rate"
 
 
 def _to_simpler(families: Sequence[Sequence[Refit]], best: Sequence[Refit], weights: Mapping[float, Array],
@@ -245,7 +256,7 @@ def _class_of(candidate: Candidate, first: Candidate) -> str:
     return first.kind if same_class(candidate.kind, first.kind) else candidate.kind
 
 
-def _weights(trials: Sequence[Refit]) -> dict[float, Array]:
+def law_weights(trials: Sequence[Refit]) -> dict[float, Array]:
     """The weights (m,) of models at each of the temperatures."""
     if not trials:
         return {}

@@ -36,11 +36,13 @@ Job = tuple[Candidate, list[Score]]  # to be refitted
 
 @dataclass
 class RefitSchedule:
-    """The refits of a step as far as they have come, by the labels of their candidates."""
+    """The refits of a step as far as they have come, by the labels of their candidates; `failed` are the labels of those
+    that could not be simulated."""
 
     workers: Workers
     say: Progress
     trials: dict[str, Refit] = field(default_factory=dict)
+    failed: list[str] = field(default_factory=list)
 
     def make(self, leading: Sequence[Job], rest: Sequence[Job], until: float) -> bool:
         """Refit the leading candidates, and the rest where none of these comes near the noise, `until` a time of
@@ -67,6 +69,8 @@ class RefitSchedule:
         for done, (candidate, trial) in enumerate(self.workers.begin(jobs, least, until), 1):
             if trial is not None:
                 self.trials[candidate.label] = trial
+            elif candidate.label not in self.workers.lost:
+                self.failed.append(candidate.label)
             self.say(f"refitting {done} of {len(jobs)}{others}: {candidate.label}"
                      + (f" leaves {trial.chi2_held_out:.4g}" if trial else " cannot be simulated") + self._best())
         return done == len(jobs)

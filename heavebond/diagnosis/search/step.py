@@ -70,7 +70,8 @@ class Stage:
     candidates whose process died, `broken` the labels of those with which the diagram cannot be simulated; `acts_as` are the
     numbers of the diagram of which candidates are another value, by their labels. `errors` are the predictive errors without
     any candidate, `identity` the comparison of the candidates with the chosen one. `planned` is the number of candidates
-    that were to be scored, `as_one` are the nodes that move as one in the base model, each with the first of them."""
+    that were to be scored, `as_one` are the nodes that move as one in the base model, each with the first of them; `failed`
+    are the labels of candidates that were scored, but with which no refit could be simulated."""
 
     experiment: Experiment
     values: dict[str, float]
@@ -96,6 +97,7 @@ class Stage:
     broken: tuple[str, ...] = ()
     planned: int = 0
     as_one: Mapping[str, str] = field(default_factory=dict)
+    failed: tuple[str, ...] = ()
 
     @property
     def bic(self) -> float:
@@ -170,7 +172,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     found = [c for c in found if always or _says_more(c, base, courses)]
     scores: list[Score] = []
     acts_as: dict[str, tuple[str, ...]] = {}
-    partial, scored_all, twins = False, False, dict[str, tuple[str, ...]]()
+    partial, scored_all, twins, known = False, False, dict[str, tuple[str, ...]](), set[str]()
     with Workers(base, number) as workers:
         refits = RefitSchedule(workers, say, {beside.candidate.label: beside} if beside is not None else {})
         try:
@@ -181,6 +183,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             # in the order of the catalogue, whichever process was done first
             place = {c.label: k for k, c in enumerate(found)}
             scores.sort(key=lambda s: place[s.candidate.label])
+            known = {s.candidate.label for s in scores}
             scores = beyond_their_members(scores)
             left = leftover(base, scores)
             if left.significant or always:
@@ -201,9 +204,9 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             partial, left, twins = True, leftover(base, scores), {}
     trials = list(refits.trials.values())
     made = _judged(base, errors, left, scores, trials, twins, partial, clock.perf_counter() - began, as_one)
-    known = {s.candidate.label for s in scores}
     broken = tuple(c.label for c in found if c.label not in known and c.label not in workers.lost) if scored_all else ()
-    return replace(made, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as, planned=len(found), broken=broken)
+    return replace(made, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as, planned=len(found), broken=broken,
+                   failed=tuple(refits.failed))
 
 
 def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]], most: int

@@ -1,0 +1,157 @@
+"""Sentences of physics: what an effect does, with its values, from `meaning:` in the component files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+
+from heavebond.core.errors import listing
+from heavebond.core.presentation import number, readable_unit, unit_label
+from heavebond.core.units import Dimension, dimension_text, read_unit
+from heavebond.diagnosis.candidates.catalogue import Candidate
+from heavebond.estimation.fitting import Fitted
+from heavebond.language.definition import Component, Value
+from heavebond.language.library import Library
+from heavebond.language.symbols import Context, evaluate
+from heavebond.text.dimensions import dimension
+from heavebond.text.expression import Expr, Name, constant, names, parse_formula
+
+SURROUNDINGS = "the surroundings"
+DIGITS = 3  # of a value without an interval
+FEWEST, MOST_DIGITS = 2, 6  # of one with an interval, whose width sets the digits
+PERCENT = " %"  # after a field: the sign stands before the interval
+NAMED_UNITS = ("ohm", "J/K")  # of quotients, beside those of `dimension_text`
+
+
+def physics(candidate: Candidate, library: Library, values: Mapping[str, float], fitted: Sequence[Fitted] = ()) -> str:
+    """What a candidate does, in a sentence with its `values` (full names, SI) and the intervals of those that were `fitted`.
+
+    Its component file has the sentence under `meaning:`; without one, the description with the parameters.
+    """
+    component = library.component(candidate.component)
+    found = {p.name: p for p in fitted}
+    meaning = component.parameters[candidate.name.rpartition(".")[2]].meaning if candidate.attaches == "in" else \
+        component.effect.meaning if component.effect is not None else None
+    if meaning is None:
+        return _described(candidate, values, found)
+    places = _places(candidate)
+    text, single = meaning.texts[0], False
+    for field, following in zip(meaning.fields, meaning.texts[1:], strict=True):
+        if isinstance(field, str) and field in places:
+            single = single or field not in ("part", "place")
+            again = field == "part" and text.endswith(f" {places[field]} ")  # the damper `damper`
+            text = text[:-1] + following if again else text + places[field] + following
+            continue
+        percent = following.startswith(PERCENT)
+        figure = _value(field, candidate, component, values, found, PERCENT if percent else "")
+        if figure is None:
+            return _described(candidate, values, found)
+        text += figure + (following.removeprefix(PERCENT) if percent else following)
+    text = text if meaning.texts[0] or not meaning.fields else text[:1].upper() + text[1:]
+    others = [label.removeprefix(candidate.component).strip() for label in candidate.members[1:]] if single else []
+    return f"{text} The same law acts {listing(others, 3)}." if others else text
+
+
+def _described(candidate: Candidate, values: Mapping[str, float], fitted: Mapping[str, Fitted]) -> str:
+    """The description of an effect, its place and its values."""
+    figures = [f"{n.name.rpartition('.')[2]} = {_figure(values[n.name], n.unit.text, _ends(fitted.get(n.name)))}"
+               for n in candidate.numbers if n.name in values]
+    what = candidate.description or candidate.kind
+    return f"{what[:1].upper()}{what[1:]} {candidate.place}" + (f": {listing(figures, 4)}." if figures else ".")
+
+
+def _places(candidate: Candidate) -> dict[str, str]:
+    """The part, the place, and the node of each port of a part that is added."""
+    parts = [candidate.name.rpartition(".")[0]] if candidate.attaches == "in" else [candidate.name]
+    if candidate.attaches == "in":
+        parts += [p for n in candidate.numbers[:1] for p in n.parts]
+    found = {"part": listing(parts, 4), "place": candidate.place}
+    for node, ends in candidate.change.nodes.items():
+        for end in ends:
+            owner, _, port = end.lstrip("+-").rpartition(".")
+            if owner == candidate.name and not end.startswith("-"):
+                beyond = [other for other in ends if other is not end] if node not in candidate.where else []
+                found.setdefault(port, SURROUNDINGS if node == f"{candidate.name}_end" else
+                                 beyond[0].lstrip("+-") if candidate.attaches == "in series" and beyond else node)
+    return found
+
+
+def _value(field: str | Expr, candidate: Candidate, component: Component, values: Mapping[str, float],
+           fitted: Mapping[str, Fitted], label: str) -> str | None:
+    """A field as a figure with its unit, and its interval where one parameter in it was fitted; None without a value."""
+    expr = parse_formula(field) if isinstance(field, str) else field
+    part = candidate.name.rpartition(".")[0] if candidate.attaches == "in" else candidate.name
+    keys = list(dict.fromkeys(name.text for name in names(expr)))
+    known = {key: _known(f"{part}.{key}", key, candidate, component, values) for key in keys}
+    units = {n.name.rpartition(".")[2]: n.unit for n in candidate.numbers}
+    given = {key: value for key, value in known.items() if value is not None}
+    if len(given) < len(keys):
+        return None
+
+    def unit_of(name: Name) -> Dimension:
+        return units.get(name.text, component.parameters[name.text].unit).dimension
+
+    def at(key: str, value: float | None) -> float | None:
+        return None if value is None else _evaluated(expr, {**given, key: value})
+
+    unit = units.get(field, component.parameters[field].unit).text if isinstance(field, str) else _unit_text(
+        dimension(expr, unit_of) or ())
+    moving = [key for key in keys if f"{part}.{key}" in fitted]
+    ends: tuple[float | None, float | None] | None = None
+    unreached = False
+    if len(moving) == 1:
+        p = fitted[f"{part}.{moving[0]}"]
+        low, high = (at(moving[0], end) for end in p.told)
+        rises = _evaluated(expr, {**given, moving[0]: p.high}) >= _evaluated(expr, {**given, moving[0]: p.low})
+        ends, unreached = ((low, high) if rises else (high, low)), p.unreached is not None
+    return _figure(_evaluated(expr, given), unit, ends, label, unreached)
+
+
+def _known(full: str, key: str, candidate: Candidate, component: Component, values: Mapping[str, float]) -> float | None:
+    """The value of a parameter of the part: fitted, set with the candidate, or the default."""
+    if full in values:
+        return values[full]
+    part = candidate.change.components.get(candidate.name)
+    if part is not None and key in part.values:
+        return constant(parse_formula(part.values[key].lstrip("= ")))
+    default = component.parameters[key].default
+    return constant(default.expr) if isinstance(default, Value) else None
+
+
+def _evaluated(expr: Expr, values: Mapping[str, float]) -> float:
+    context = Context(lambda _, name: ca.SX(values[name.text]), lambda symbol: symbol)
+    with_values = evaluate(expr, context)
+    return float(ca.evalf(with_values))
+
+
+def _unit_text(found: Dimension) -> str:
+    return next((name for name in NAMED_UNITS if read_unit(name).dimension == found), dimension_text(found))
+
+
+def _ends(p: Fitted | None) -> tuple[float | None, float | None] | None:
+    return p.told if p is not None else None
+
+
+def _figure(value: float, unit: str, ends: tuple[float | None, float | None] | None, label: str = "",
+            unreached: bool = False) -> str:
+    """`8.2 kN (8.1 to 8.3)`, with as many digits as the interval determines; `label` in place of the unit."""
+    shown = readable_unit(unit, value)
+    scale = 1.0 if shown == unit else 1 / read_unit(shown).scale
+    value, label = value * scale, label or ("" if unit == "1" else f" {unit_label(shown)}")
+    low, high = (None if end is None or not math.isfinite(end) else end * scale for end in ends or (None, None))
+    digits = DIGITS
+    if low is not None and high is not None and high > low and value and math.isfinite(value):
+        digits = min(MOST_DIGITS, max(FEWEST, math.ceil(math.log10(abs(value) / (high - low)))))
+        while digits < MOST_DIGITS and number(low, digits) == number(high, digits):
+            digits += 1
+    figure = number(value, digits) + label
+    if ends is None:
+        return figure
+    if unreached:
+        return f"{figure} (not reached)"
+    inside = f"{number(low, digits)} to {number(high, digits)}" if low is not None and high is not None else \
+        f"above {number(low, digits)}" if low is not None else f"below {number(high, digits)}" if high is not None else \
+        "not determined by the records"
+    return f"{figure} ({inside})"

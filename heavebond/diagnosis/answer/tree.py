@@ -1,0 +1,437 @@
+"""The answer as a tree: measuring chain or machine, place, kind, class, law; with a probability at each level.
+
+The probabilities are those of `evidence.probability`, summed over the branches: those of the children add up to that of
+their parent, with "another" for the part that belongs to none of them. A law outside the catalogue acts at some place too.
+Where the localisation finds an unknown input, the probability of such a law goes to its places, by their likelihood, and to
+the kind of variable that the input follows; otherwise to places and kinds in proportion to those of the effects of the
+catalogue. The answer states the deepest level with a probability of at least `STATED`.
+
+Of several effects each has a tree of its own, from the step that added it, given the effects before it. Its share is the
+part of the misfit (chi-square above the noise) that it takes away after them. A search that was ended early has the same
+tree: the share of its candidates that it did not reach goes from the effects to "another", and the answer says "so far".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from heavebond.core.errors import listing
+from heavebond.core.presentation import readable
+from heavebond.diagnosis.answer.physics import physics
+from heavebond.diagnosis.answer.verdict import gone, held_out_or_fitted, without_effects
+from heavebond.diagnosis.candidates.catalogue import Candidate
+from heavebond.diagnosis.candidates.fixed_values import VALUE
+from heavebond.diagnosis.evidence.probability import (
+    CALIBRATION,
+    NOTHING,
+    OUTSIDE,
+    PARAMETERS,
+    Event,
+    Evidence,
+    evidence,
+    law_weights,
+    percent,
+    probabilities,
+)
+from heavebond.diagnosis.search.refit import Refit
+from heavebond.diagnosis.search.step import Stage
+from heavebond.diagnosis.state import AddedEffect, LadderEntry
+from heavebond.language.definition import Domain
+from heavebond.language.library import Library, effect_kind
+from heavebond.localise.constants import INPUT_ESTIMATION
+from heavebond.localise.misfit import Localization, PlaceEstimate
+
+LEVELS = ("answer", "system", "place", "kind", "class", "law")
+STATED = 0.5  # probability from which on a level is stated: then no other branch is as probable
+LISTED = 0.01  # probability from which on a branch is listed
+SHOWN = 0.05  # probability from which on a branch is shown in tables
+LAWS = 3  # laws at most that are named together
+COMPARABLE = 0.5  # share of the probability of the best law from which on another one is named beside it
+ONE_CLASS = 0.9  # share of the effects of one kind at one place from which on their class is that of an unknown law too
+MEASURING, MACHINE, ANOTHER = "measuring chain", "machine", "another"
+NO_LAW = "a law outside the catalogue"
+# On what the estimated input at a place depends, as the kind of a law (see `localise.regressors`).
+FOLLOWED = {"across": "rate", "pressure": "rate", "position": "displacement"}
+
+
+@dataclass(frozen=True)
+class Node:
+    """A branch of the answer: its level, one of LEVELS, its `name` in words, its probability, and the branches below it in
+    the order of their probability. `key` distinguishes it from others of its level; `labels` are the candidates in it."""
+
+    level: str
+    name: str
+    probability: float
+    children: tuple[Node, ...] = ()
+    key: object = None
+    labels: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, object]:
+        """The branch and all below it, for machines."""
+        return {"level": self.level, "name": self.name, "probability": self.probability,
+                "below": [child.as_dict() for child in self.children]}
+
+
+@dataclass(frozen=True)
+class EffectTree:
+    """The tree of one effect: `root`, the stated branches from the top down (`path`), the answer in a `statement`, the best
+    law in a sentence of physics (`meaning`; empty without one), its short `name`, and its `share` of the misfit (NaN if no
+    effect was added)."""
+
+    root: Node
+    path: tuple[Node, ...]
+    statement: str
+    meaning: str
+    name: str
+    share: float
+
+    def as_dict(self) -> dict[str, object]:
+        """The statement, the path and the whole tree, for machines."""
+        return {"statement": self.statement, "meaning": self.meaning,
+                "share": None if math.isnan(self.share) else self.share,
+                "stated": [{"level": n.level, "name": n.name, "probability": n.probability} for n in self.path],
+                "branches": [child.as_dict() for child in self.root.children]}
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The hierarchical answer: a tree for each effect, and whether the search was ended early."""
+
+    effects: tuple[EffectTree, ...]
+    so_far: bool
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The answer in sentences, the summary of several effects first."""
+        if not self.effects:
+            return ("So far no level of the answer is known: no candidate was scored.",)
+        lines = []
+        if len(self.effects) > 1:
+            parts = [f"{e.name} ({percent(e.share)} of the misfit)" for e in self.effects]
+            lines.append(f"Missing: {listing(parts, len(parts))}.")
+        lines += [" ".join(part for part in (e.statement, e.meaning) if part) for e in self.effects]
+        return tuple(f"So far: {line}" for line in lines[:1]) + tuple(lines[1:]) if self.so_far else tuple(lines)
+
+    def as_dict(self) -> dict[str, object]:
+        """The answer for machines."""
+        return {"words": list(self.words), "so_far": self.so_far, "effects": [e.as_dict() for e in self.effects]}
+
+
+@dataclass(frozen=True)
+class _Leaf:
+    """A law with its probability: keys and names of the levels below the answer, from the top down."""
+
+    keys: tuple[object, ...]
+    names: tuple[str, ...]
+    probability: float
+    labels: tuple[str, ...] = ()
+
+
+def answer_tree(steps: Sequence[Stage], known: Evidence | None, findings: Sequence[AddedEffect],
+                ladder: Sequence[LadderEntry], localization: Localization | None, partial: bool) -> Tree:
+    """The hierarchical answer of a diagnosis; `known` is the evidence of its first step, with other values of what the
+    diagram holds fixed, and `localization` that of its first diagram."""
+    if not steps or known is None:
+        return Tree((), True)
+    first = held_out_or_fitted(without_effects(ladder, findings)) if ladder else math.nan
+    levels = [first, *(held_out_or_fitted(f.rung) for f in findings)]
+    found = []
+    for k, step in enumerate(steps[:max(1, len(findings))]):
+        finding = findings[k] if k < len(findings) else None
+        share = gone(first, levels[k + 1]) - gone(first, levels[k]) if finding is not None else math.nan
+        own = known if k == 0 else evidence(steps[k:])
+        found.append(_effect_tree(step, own, finding, localization if k == 0 else None, share))
+    return Tree(tuple(found), partial)
+
+
+def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, localization: Localization | None, share: float
+                 ) -> EffectTree:
+    library = step.experiment.model.library
+    events = probabilities(known)
+    masses = {e.kind: e.probability for e in events if not e.labels}
+    effects = _leaves(step, [e for e in events if e.labels], library)
+    outside = _of_their_class(_outside(step, known, effects, localization, masses.get(OUTSIDE, 0.0)), effects)
+    root = Node("answer", "the records", 1.0, (
+        *_grown([*effects, *outside], 0), *(Node("system", name, masses.get(name, 0.0), key=name)
+                                            for name in (NOTHING, PARAMETERS) if masses.get(name, 0.0) > 0)))
+    root = _with_rest(replace(root, children=_sorted(root.children)))
+    path = _path(root)
+    best = _best(step, finding, path, root)
+    meaning = _meaning(best, finding, library) if best is not None else ""
+    return EffectTree(root, path, _statement(root, path, best), _introduced(meaning, path, best),
+                      _short(path, best), share)
+
+
+def _leaves(step: Stage, events: Sequence[Event], library: Library) -> list[_Leaf]:
+    """The effects of the catalogue with their probabilities, each class at a place divided among its laws."""
+    candidates = {s.candidate.label: s.candidate for s in step.scores}
+    trials = {t.candidate.label: t for t in step.trials if t.errors is not None}
+    found = []
+    for event in events:
+        if event.kind == VALUE:
+            continue
+        laws = [candidates[label] for label in event.labels if label in candidates]
+        fitted = [trials[c.label] for c in laws if c.label in trials]
+        shares = dict(zip((t.candidate.label for t in fitted), law_weights(fitted)[CALIBRATION.temperature], strict=True)) \
+            if fitted else {laws[0].label: 1.0}
+        for law in laws:
+            if shares.get(law.label, 0.0) > 0:
+                keys, names = _levels(step, law, event.kind, library)
+                found.append(_Leaf(keys, names, event.probability * float(shares[law.label]), (law.label,)))
+    return found
+
+
+def _levels(step: Stage, candidate: Candidate, kind: str, library: Library) -> tuple[tuple[object, ...], tuple[str, ...]]:
+    """Keys and names of a candidate on all levels below the answer."""
+    nature = effect_kind(kind)
+    system = MEASURING if nature == "measurement" or candidate.attaches == "channel" else MACHINE
+    place = step.places.place(candidate)
+    law = candidate.name if candidate.attaches == "in" else candidate.component
+    inside = candidate.attaches in ("in", "replaces") and not candidate.members
+    words = f"in {candidate.where[0]}" if inside else candidate.place
+    does = kind_words(nature, _domain(candidate, library), len(place[1]) > 1)
+    return (system, place, nature, kind, law), (system, words, does, kind, law)
+
+
+def _domain(candidate: Candidate, library: Library) -> Domain | None:
+    """The domain of the ports of a law; None where it has several, or none."""
+    component = library.component(candidate.component)
+    also = component.effect.also if component.effect is not None and candidate.attaches != "in" else {}
+    found = {p.domain for p in component.ports.values() if p.name not in also}
+    return library.domains.get(next(iter(found))) if len(found) == 1 else None
+
+
+def kind_words(kind: str, domain: Domain | None, pair: bool) -> str:
+    """What a law of a kind does in a domain, as a predicate: `dissipates energy, with a force that depends on the speed`."""
+    acts = domain.members[domain.through[0]].noun if domain is not None else ""
+    across = domain.members[domain.across[0]].noun if domain is not None else ""
+    if domain is not None and not domain.position and pair:
+        across = f"{across} difference"
+    fluid = domain is not None and domain.fills is not None
+    heat = domain is not None and domain.power is not None and not fluid
+    if kind == "rate":
+        does = "conducts heat" if heat else "dissipates energy"
+        return does + (f", with a {acts} that depends on the {across}" if domain is not None else "")
+    if kind == "displacement":
+        return f"exerts a {acts} that depends on the displacement" if domain is not None and domain.position else \
+            "depends on the displacement"
+    return {"acceleration": "adds inertia", "storage": "stores " + ("heat" if heat else "fluid" if fluid else "energy"),
+            "source": f"exerts a constant {acts or 'action'}", "transport": "delays, limits or distorts a signal",
+            "measurement": "shifts or scales a signal"}.get(kind, "acts")
+
+
+# -- a law outside the catalogue -------------------------------------------------------------------------------------------
+def _outside(step: Stage, known: Evidence, effects: Sequence[_Leaf], localization: Localization | None, mass: float
+             ) -> list[_Leaf]:
+    """The probability of a law outside the catalogue over places and kinds: by the weights of the identified curves, else by
+    the localisation, else in proportion to the effects of the catalogue."""
+    among = sum(leaf.probability for leaf in effects)
+    if known.curves:
+        weights = known.flexible[CALIBRATION.temperature]
+        words = {leaf.keys[1:3]: leaf.names for leaf in effects}
+        leaves = []
+        for curve, weight in zip(known.curves, weights / max(float(weights.sum()), 1e-300), strict=True):
+            names = frozenset(step.places.as_one.get(name, name) for name in curve.where)
+            place = ("", names - step.places.grounds or names, frozenset[str]())
+            said = words.get((place, curve.kind), (MACHINE, curve.place, kind_words(curve.kind, None, False)))
+            leaves.append(_Leaf((MACHINE, place, curve.kind, OUTSIDE), (*said[:3], NO_LAW), mass * float(weight)))
+        return leaves
+    if localization is not None and localization.missing and localization.suspects:
+        return _localized(step, localization, mass)
+    found: dict[tuple[object, ...], _Leaf] = {}
+    for leaf in effects:
+        keys = (*leaf.keys[:3], OUTSIDE)
+        own = found.get(keys, _Leaf(keys, (*leaf.names[:3], NO_LAW), 0.0))
+        found[keys] = replace(own, probability=own.probability + mass * leaf.probability / among)
+    return list(found.values())
+
+
+def _of_their_class(outside: Sequence[_Leaf], effects: Sequence[_Leaf]) -> list[_Leaf]:
+    """Laws outside the catalogue as laws of a class: that of nearly all effects of the same kind at the same place. (A flow
+    between two nodes that depends on their pressure difference is leakage, whatever its law is.)"""
+    found = []
+    for leaf in outside:
+        alike = [effect for effect in effects if effect.keys[:3] == leaf.keys[:3]]
+        classes = {effect.keys[3]: effect.names[3] for effect in alike}
+        shares = {key: sum(e.probability for e in alike if e.keys[3] == key) for key in classes}
+        first = max(shares, key=shares.__getitem__, default=None)
+        if first is not None and shares[first] >= ONE_CLASS * sum(shares.values()):
+            leaf = replace(leaf, keys=(*leaf.keys[:3], first, OUTSIDE), names=(*leaf.names[:3], classes[first], NO_LAW))
+        found.append(leaf)
+    return found
+
+
+def _localized(step: Stage, localization: Localization, mass: float) -> list[_Leaf]:
+    """The same where the unknown input at the places is known: by the likelihood of each group of places that the records
+    cannot distinguish, tempered as that of the laws; what no place explains is left to "another"."""
+    likelihood = {s.place.name: math.exp(-s.behind / CALIBRATION.temperature) for s in localization.suspects}
+    groups = {frozenset((s.place.name, *s.alike)): likelihood[s.place.name] for s in localization.suspects}
+    explained = min(1.0, max(0.0, max(s.explained for s in localization.suspects)))
+    found = []
+    for s in localization.suspects:
+        group = next(g for g in groups if s.place.name in g)
+        share = groups[group] / sum(groups.values()) / sum(o.place.name in group for o in localization.suspects)
+        keys, names = _input_levels(step, s)
+        found.append(_Leaf(keys, names, mass * explained * share))
+    return found
+
+
+def _input_levels(step: Stage, suspect: PlaceEstimate) -> tuple[tuple[object, ...], tuple[str, ...]]:
+    """Keys and names of an unknown input on the levels system, place, kind and class."""
+    node = suspect.place.nodes[0]
+    names = frozenset(step.places.as_one.get(n.name, n.name) for n in suspect.place.nodes)
+    moving = names - step.places.grounds
+    place = ("", moving or names, frozenset[str]())
+    curve = suspect.curve
+    kind = ""
+    if curve is not None and curve.r2 >= INPUT_ESTIMATION.explains:
+        kind = FOLLOWED.get(curve.variable.kind, "")
+        if curve.variable.kind == "rate":
+            kind = "acceleration" if node.mechanical else "storage"
+    words = kind_words(kind, node.domain, len(moving) > 1) if kind else \
+        f"exerts a {node.domain.members[node.through].noun} of unknown origin"
+    return (MACHINE, place, kind, OUTSIDE), (MACHINE, suspect.place.words, words, NO_LAW)
+
+
+# -- the tree -----------------------------------------------------------------------------------------------------------
+def _grown(leaves: Sequence[_Leaf], depth: int) -> tuple[Node, ...]:
+    """The branches of the level below `depth` levels, each called as its most probable leaf."""
+    groups: dict[object, list[_Leaf]] = {}
+    for leaf in leaves:
+        if len(leaf.keys) > depth:
+            groups.setdefault(leaf.keys[depth], []).append(leaf)
+    nodes = []
+    for key, group in groups.items():
+        first = max(group, key=lambda leaf: leaf.probability)
+        node = Node(LEVELS[depth + 1], first.names[depth], sum(leaf.probability for leaf in group), _grown(group, depth + 1),
+                    key, tuple(label for leaf in group for label in leaf.labels))
+        nodes.append(_with_rest(node))
+    return _sorted(nodes)
+
+
+def _sorted(nodes: Sequence[Node]) -> tuple[Node, ...]:
+    return tuple(sorted(nodes, key=lambda node: -node.probability))
+
+
+def _with_rest(node: Node) -> Node:
+    """A branch whose children add up to it: branches that are hardly probable, and the rest, are "another"."""
+    if not node.children:
+        return node
+    kept = [child for child in node.children if child.probability >= LISTED and child.name != ANOTHER]
+    rest = node.probability - sum(child.probability for child in kept)
+    other = Node(kept[0].level if kept else node.children[0].level, ANOTHER, max(0.0, rest), key=ANOTHER)
+    return replace(node, children=(*kept, other))
+
+
+def _path(root: Node) -> tuple[Node, ...]:
+    """The stated branches from the top down: the most probable child, as long as it is probable enough."""
+    path: list[Node] = []
+    node = root
+    while node.children:
+        node = max(node.children, key=lambda child: child.probability)
+        if node.probability < STATED or node.name == ANOTHER:
+            break
+        path.append(node)
+    return tuple(path)
+
+
+def _best(step: Stage, finding: AddedEffect | None, path: Sequence[Node], root: Node) -> Refit | AddedEffect | None:
+    """The law that is described: what was added where it lies within the deepest stated branch, else the most probable law
+    there that was refitted."""
+    if path and path[-1].name in (NOTHING, PARAMETERS):
+        return finding if finding is not None and finding.candidate.kind == VALUE else None
+    inside = next((node.labels for node in reversed(path) if node.labels), None)
+    if finding is not None and (inside is None or finding.candidate.label in inside):
+        return finding
+    trials = {t.candidate.label: t for t in step.trials}
+    laws = sorted(_leaves_of(path[-1] if path and path[-1].labels else root), key=lambda node: -node.probability)
+    labels = [label for node in laws for label in node.labels if label in trials]
+    return trials[labels[0]] if labels else None
+
+
+def _leaves_of(node: Node) -> list[Node]:
+    return [leaf for child in node.children for leaf in _leaves_of(child)] if node.children else [node]
+
+
+def branches(root: Node) -> list[tuple[int, Node]]:
+    """The branches to be shown, each with its depth: below the stated ones all that are at least `SHOWN` probable."""
+    found: list[tuple[int, Node]] = []
+    for child in root.children:
+        if child.probability >= SHOWN:
+            found += [(0, child), *((depth + 1, node) for depth, node in branches(child))]
+    return found
+
+
+# -- words --------------------------------------------------------------------------------------------------------------
+def _meaning(best: Refit | AddedEffect, finding: AddedEffect | None, library: Library) -> str:
+    """The best law in a sentence of physics."""
+    if isinstance(best, AddedEffect):
+        values = {**best.fit.values, **{p.name: p.value for p in best.parameters}}
+        return physics(best.candidate, library, values, best.parameters) if best.candidate.kind != VALUE else \
+            _value_words(best)
+    return physics(best.candidate, library, best.values)
+
+
+def _value_words(finding: AddedEffect) -> str:
+    """That a value which the diagram holds fixed is another one."""
+    (number,) = finding.candidate.numbers
+    value = finding.parameters[0].value if finding.parameters else number.neutral
+    written = [readable(v, number.unit.text, 4) for v in (value, number.neutral)]
+    return f"{number.name} is {written[0]}; the diagram has {written[1]}."
+
+
+def _statement(root: Node, path: Sequence[Node], best: Refit | AddedEffect | None) -> str:
+    """The stated levels in a sentence, each with its probability."""
+    by = {node.level: node for node in path}
+    if not path:
+        likely = [f"{node.name} ({percent(node.probability)})" for node in root.children[:LAWS] if node.name != ANOTHER]
+        return f"The records do not decide what is missing: {listing(likely, LAWS)}."
+    system = by["system"]
+    if system.name == NOTHING:
+        return f"No effect is missing ({percent(system.probability)})."
+    if system.name == PARAMETERS:
+        return f"Values of parameters differ from the diagram; no effect is missing ({percent(system.probability)})."
+    if "place" not in by:
+        places = [f"{node.name} ({percent(node.probability)})" for node in system.children[:LAWS] if node.name != ANOTHER]
+        where = f"; the place is not decided: {listing(places, LAWS)}" if places else "; the place is not decided"
+        return f"Something is missing in the {system.name} ({percent(system.probability)}){where}."
+    place, kind = by["place"], by.get("kind")
+    if kind is None:
+        kinds = [f"something that {node.name} ({percent(node.probability)})" for node in place.children[:2]
+                 if node.name != ANOTHER]
+        what = f": {' or '.join(kinds)}" if kinds else ""
+        return f"Something is missing {place.name} ({percent(place.probability)}){what}."
+    predicate, _, variable = kind.name.partition(",")
+    first = f"Something {predicate} {place.name}{',' + variable if variable else ''} ({percent(kind.probability)})"
+    if "class" not in by:
+        return f"{first}."
+    named = by["class"]
+    words = [first, f"{named.name} ({percent(named.probability)})"]
+    laws = [node for node in named.children if node.name != ANOTHER]
+    if laws and named.key != OUTSIDE:
+        close = [n.name for n in laws[:LAWS] if n.probability >= COMPARABLE * laws[0].probability]
+        words.append(f"law {' or '.join(close)}")
+    return "; ".join(words) + "."
+
+
+def _introduced(meaning: str, path: Sequence[Node], best: Refit | AddedEffect | None) -> str:
+    """The sentence of physics, with what it is where its class is not stated."""
+    if not meaning or best is None:
+        return ""
+    last = path[-1] if path else None
+    stated = last is not None and (last.level in ("class", "law") or last.name == PARAMETERS) and last.key != OUTSIDE
+    if stated:
+        return meaning
+    return f"Nearest in the catalogue: {best.candidate.kind}. {meaning}"
+
+
+def _short(path: Sequence[Node], best: Refit | AddedEffect | None) -> str:
+    """An effect in a few words, for the list of several: its class, or what it does where."""
+    by = {node.level: node for node in path}
+    if "class" in by and by["class"].key != OUTSIDE:
+        return f"{by['class'].name} {by['place'].name}"
+    if best is not None:
+        return f"{best.candidate.kind} or the like {by['place'].name if 'place' in by else best.candidate.place}"
+    return "an unknown effect"
