@@ -160,7 +160,7 @@ def test_a_curve_at_another_place_predicts_as_well_only_where_it_explains_half_a
     def leaving(chi2: float) -> Any:
         sums = errors(1.0).sums.copy()
         sums[3] += (chi2 - 1.0) * errors(1.0).counts.sum()
-        return SimpleNamespace(errors=replace(errors(1.0), sums=sums))
+        return SimpleNamespace(errors=replace(errors(1.0), sums=sums), slack=0.0)
 
     named, misfit = leaving(6.0), 1000.0
     assert not better(named, leaving(900.0))

@@ -75,7 +75,7 @@ def test_an_effect_that_is_found_beside_the_first_is_no_sign_of_a_law_outside(mo
     """What is left is counted after all steps."""
     def step(left: float | None) -> Any:
         chosen = SimpleNamespace(errors=True, left=left) if left is not None else None
-        return SimpleNamespace(trials=(), errors=None, left=ResidualTests(1, 1, 1, 0), chosen=chosen)
+        return SimpleNamespace(trials=(), errors=None, left=ResidualTests(1, 1, 1, 0), chosen=chosen, partial=False)
 
     monkeypatch.setattr(probability, "loss", lambda trial: trial.left)
     assert probability.evidence([step(40.0)]).left == 1  # of the first, trials that were refitted count
