@@ -4,7 +4,7 @@
     python -m benchmarks.diagnosis.measured FOLDER silverbox            this one again
     python -m benchmarks.diagnosis.measured FOLDER --base               only fits of the diagrams, without a diagnosis
     python -m benchmarks.diagnosis.measured FOLDER passive_rig/friction a bundled experiment, or the path of one
-    python -m benchmarks.diagnosis.measured FOLDER --table              the results on disk, beside what is known
+    python -m benchmarks.diagnosis.measured FOLDER --table              compare the results on disk with the known effects
 
 FOLDER holds the records as text, in one folder for each set. They are not bundled. The sets are data: `measured/sets.yaml`
 has their sources, the effects that are known to be missing and the published errors, `measured/NAME.yaml` the diagram and

@@ -218,8 +218,7 @@ def public_records(rows: Sequence[Row]) -> str:
         known = measured.SETS[row["key"]]
         test = next((n for n, use in row["uses"].items() if use == "test"), list(row["uses"])[-1])
         errors = [", ".join(f"{readable(error, unit, 3)} ({100 * share:.3g} %)"
-                            for error, unit, share in rung[test].values())
-                  for rung in row["errors"]]
+                            for error, unit, share in entry[test].values()) for entry in row["errors"]]
         answer = "; ".join(f"**{kind}** {label}" + (f" or one of {alike - 1} others" if alike > 1 else "")
                            for label, kind, alike in row["effects"])
         only = f" (tried were only {', '.join(row['classes'])})" if row["classes"] else ""
