@@ -70,12 +70,14 @@ def stairs(low: float, high: float, hold: tuple[float, float], rise: float, star
 # -- beds ------------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Input:
-    """A measured input: unit, excitation, standard deviation of its noise and step of its quantisation, in its unit."""
+    """A measured input: unit, excitation, standard deviation of its noise and step of its quantisation, in its unit, and
+    whether the experiment states their sum."""
 
     unit: str
     signal: Excitation
     noise: float = 0.0
     step: float = 0.0
+    stated: bool = False
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,11 @@ class Channel:
     noise: float
     step: float = 0.0
     late: float = 0.0
+
+
+def rms(measured: Input | Channel) -> float:
+    """Standard deviation of noise and quantisation together."""
+    return float(np.hypot(measured.noise, measured.step / 12**0.5))
 
 
 @dataclass(frozen=True)
@@ -166,14 +173,15 @@ class Bed:
         lines += ["time: {column: time, unit: s}", "inputs:"]
         for name, given in self.inputs.items():
             place = next((e.drive[name] for e in effects if name in e.drive), name)
-            lines.append(f"  {place}: {{column: {name}, unit: {given.unit}, interpolation: spline}}")
+            noise = f", noise: {rms(given):.4g} {given.unit}" if given.stated else ""
+            lines.append(f"  {place}: {{column: {name}, unit: {given.unit}, interpolation: spline{noise}}}")
         lines.append("outputs:")
         for name, channel in self.channels.items():
             formula = channel.formula
             for effect in effects:
                 formula = effect.read.get(name, "{}").replace("{}", formula)
             lines.append(f'  {name}: {{is: "{formula}", column: {name}, unit: {channel.unit}, '
-                         f"noise: {max(channel.noise, channel.step / 12**0.5):.4g} {channel.unit}}}")
+                         f"noise: {rms(channel):.4g} {channel.unit}}}")
         return "\n".join([*lines, "free:", *(f"  {line.strip()}" for line in self.free.strip().splitlines())]) + "\n"
 
 
@@ -240,7 +248,7 @@ def misfits(bed: Bed) -> tuple[float, tuple[float, ...]]:
     without = [tuple(other for other in hidden if other is not e) for e in bed.effects] + [bed.effects] * bool(bed.clutter)
     changes: list[list[Array]] = [[] for _ in range(1 + len(without))]
     derivatives: list[list[Array]] = []
-    noise = np.array([max(c.noise, c.step / 12**0.5) for c in bed.channels.values()])[:, None]
+    noise = np.array([rms(channel) for channel in bed.channels.values()])[:, None]
     for record in bed.records:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
