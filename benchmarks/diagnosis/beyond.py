@@ -2,8 +2,8 @@
 
 Two effects act between nodes that no component joins, two inside blocks. Two are parameters that vary with a variable, two
 parameters that differ between records, two begin at a time. In two machines the model differentiates a measured input with
-noise and quantisation. Answers that the catalogue does not have yet are declared with the class `varying parameter` (the place
-is the part), `record-dependent parameter` (likewise), or the class of the effect that begins, with the time in `law`.
+noise and quantisation. Answers that the catalogue does not have yet are declared with the class `varying parameter` (the
+place is the part), `record-dependent parameter` (likewise), or the class of the effect that begins, with the time in `law`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ block_2.m: 45 g +- 10 %
                "heat loss: block_1 block_2 | thermal resistance: block_1 block_2 | heat conduction: block_1 block_2", """
 components: {board: {is: ThermalResistance, R: 33 K/W}}
 nodes: {block_1: [+board.a], block_2: [+board.b]}
-"""),), 1800.0, 0.25, 218.0, (1,))
+"""),), 1800.0, 0.25, 218.0, (1.0,))
 
 CARRIAGES = Bed(
     "carriages", "Two carriages on one rail, each with its own actuator and its own spring to the frame.", """
@@ -69,7 +69,7 @@ spring_2.d: 20 N*s/m +- 30 %
         Effect("Dry friction of 4 N of the cable chain between the carriages.", "dry friction: carriage_1 carriage_2", """
 components: {chain: {is: CoulombFriction, F_c: 4 N, v_t: 2 mm/s}}
 nodes: {carriage_1: [+chain.a], carriage_2: [+chain.b]}
-"""),), 20.0, 40.0, 679.0, (1,))
+"""),), 20.0, 40.0, 679.0, (1.0,))
 
 # -- effects inside blocks -------------------------------------------------------------------------------------------------
 ACTUATOR = """
@@ -125,7 +125,7 @@ actuator.beta: 1.2 GPa +- 20 %
         Effect("The bore between valve and cap side inside the actuator has a resistance of 12 bar at 5 L/min.",
                "line resistance: actuator.cap actuator.cylinder | line resistance: actuator.cap actuator.valve", """
 components: {actuator: {is: ActuatorWithLoss, u: 0, q_r: 10 L/min, beta: 1.2 GPa}}
-"""),), 15.0, 40.0, 27.2, (1,),
+"""),), 15.0, 40.0, 27.2, (1.0,),
     parts=(ACTUATOR.format(kind="Actuator", what="", parts="", cap="  cap:    [valve.A, cylinder.A]"),
            ACTUATOR.format(kind="ActuatorWithLoss", what=", with a narrow bore",
                            parts="  bore:     {is: LineResistance, R: 0, K: 1.7e14 Pa*s**2/m**6}",
@@ -176,7 +176,7 @@ mixer.J: 0.5 kg*m**2 +- 10 %
 """, (
         Effect("Dry friction of 1.5 N*m between pinion and housing inside the gearbox.",
                "dry friction: frame gearbox.pinion | dry friction: gearbox.pinion gearbox.housing",
-               "components: {gearbox: {is: GearboxWithFriction, c: 300 N*m/rad}}"),), 6.0, 150.0, 240.0, (1,),
+               "components: {gearbox: {is: GearboxWithFriction, c: 300 N*m/rad}}"),), 6.0, 150.0, 240.0, (1.0,),
     parts=(GEARBOX.format(kind="Gearbox", what="", parts="", pinion="", housing=""),
            GEARBOX.format(kind="GearboxWithFriction", what=", with friction of the pinion",
                           parts="  bearing: {is: RotationalCoulombFriction, M_c: 1.5 N*m, w_t: 0.05 rad/s}",
@@ -204,7 +204,7 @@ outlet.q_r: 6 L/min +- 15 %
 """, (
         Effect("The tank widens upwards: its area is 0.035 m**2 at the bottom and grows by 0.15 m**2 in 1 m.",
                "varying parameter: tank", "components: {tank: {is: WideningTank, A: 0.035 m**2, k: 0.15 m}}"),),
-    2400.0, 0.2, 7.39, (1,),
+    2400.0, 0.2, 7.39, (1.0,),
     parts=("""
 component: WideningTank
 summary: Open tank whose surface area grows with the level.
@@ -248,7 +248,7 @@ friction.F_c: 40 N +- 50 %
                "varying parameter: friction | varying parameter: rail slide", """
 components: {along: {is: ForceBetween, u: "=-max(120 N/m*slide.x, -40 N)*smooth_sign(slide.v, 2 mm/s)"}}
 nodes: {rail: [+along.a], slide: [+along.b]}
-"""),), 20.0, 40.0, 2760.0, (1,))
+"""),), 20.0, 40.0, 2760.0, (1.0,))
 
 # -- parameters that differ between records --------------------------------------------------------------------------------
 DRAIN = Bed(
@@ -272,7 +272,7 @@ throttle.q_r: 20 L/min +- 10 %
 line.beta: 1.3 GPa +- 20 %
 """, (
         Effect("The throttle is 15 % wider in the second and the third record.", "record-dependent parameter: throttle",
-               {name: "set: {throttle.q_r: 23 L/min}" for name in ("second", "third")}),), 20.0, 20.0, 127.0, (1,),
+               dict.fromkeys(("second", "third"), "set: {throttle.q_r: 23 L/min}")),), 20.0, 20.0, 127.0, (1.0,),
     records={"first": "fit", "second": "fit", "third": "validate", "fourth": "test"})
 
 WHEEL = Bed(
@@ -298,7 +298,7 @@ damper.d: 1.5 kN*s/m +- 15 %
 tyre.c: 190 kN/m +- 10 %
 """, (
         Effect("The damper is 40 % stronger in the validation record.", "record-dependent parameter: damper",
-               {"validate": "set: {damper.d: 2.1 kN*s/m}"}),), 8.0, 100.0, 12.0, (1,),
+               {"validate": "set: {damper.d: 2.1 kN*s/m}"}),), 8.0, 100.0, 12.0, (1.0,),
     records={"train": "fit", "again": "fit", "validate": "validate"})
 
 # -- effects that begin at a time ------------------------------------------------------------------------------------------
@@ -332,7 +332,7 @@ nodes: {clamp: [+seal.a]}
 """, "third": """
 components: {seal: {is: LaminarLeakage, C: 9e-13 m**3/(s*Pa)}}
 nodes: {clamp: [+seal.a], tank: [+seal.b]}
-"""}),), 60.0, 10.0, 136.0, (1,), records={"first": "fit", "second": "fit", "third": "validate"})
+"""}),), 60.0, 10.0, 136.0, (1.0,), records={"first": "fit", "second": "fit", "third": "validate"})
 
 SPINDLE = Bed(
     "spindle", "A motor drives a spindle through a belt; a bearing begins to seize.", """
@@ -361,7 +361,7 @@ spindle.J: 0.03 kg*m**2 +- 10 %
 parameters: {{onset: {onset} s, M_c: 0.4 N*m}}
 components: {{bearing: {{is: TorqueSource, u: "=-if_else(time > onset, M_c, 0 N*m)*smooth_sign(spindle.w, 0.1 rad/s)"}}}}
 nodes: {{spindle: [+bearing.a]}}
-""" for name, onset in (("train", 11), ("validate", 6))}),), 20.0, 50.0, 147.0, (1,))
+""" for name, onset in (("train", 11), ("validate", 6))}),), 20.0, 50.0, 147.0, (1.0,))
 
 # -- measured inputs that the model differentiates -------------------------------------------------------------------------
 HEAVE = Bed(
@@ -389,7 +389,7 @@ string.c: 217 kN/m +- 5 %
         Effect("Dry friction of 9 kN between platform and crown block.", "dry friction: crown platform", """
 components: {seal: {is: CoulombFriction, F_c: 9 kN, v_t: 5 mm/s}}
 nodes: {platform: [+seal.a], crown: [+seal.b]}
-"""),), 120.0, 10.0, 464.0, (1,))
+"""),), 120.0, 10.0, 464.0, (1.0,))
 
 ENCODER = Bed(
     "encoder", "A crank with a coarse encoder turns a flywheel through a torsion bar.", """
@@ -417,9 +417,10 @@ spring.c: 45 N*m/rad +- 10 %
                "nonlinear stiffness: flywheel frame | nonlinear stiffness: spring", """
 components: {coil: {is: CubicTorsionSpring, c_3: 120 N*m/rad**3}}
 nodes: {frame: [+coil.a], flywheel: [+coil.b]}
-"""),), 20.0, 50.0, 37.9, (1,))
+"""),), 20.0, 50.0, 37.9, (1.0,))
 
-BEDS = {bed.name: bed for bed in (BOARD, CARRIAGES, RUDDER, MIXER, HOPPER, RAIL, DRAIN, WHEEL, CLAMP, SPINDLE, HEAVE, ENCODER)}
+BEDS = {bed.name: bed for bed in (
+    BOARD, CARRIAGES, RUDDER, MIXER, HOPPER, RAIL, DRAIN, WHEEL, CLAMP, SPINDLE, HEAVE, ENCODER)}
 
 if __name__ == "__main__":
     main(BEDS, "beyond", __doc__)
