@@ -1,4 +1,4 @@
-"""The test beds with several hidden effects: they simulate, and each declared effect shows in the records."""
+"""The test beds of the diagnosis: they simulate, and each declared effect shows in the records."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from benchmarks.diagnosis import several
+from benchmarks.diagnosis import beyond, several
 from benchmarks.diagnosis.beds import Bed, Effect, judged, level, misfits, write
 
-BEDS = {**several.BEDS}
-QUICK = {"axis", "feed_line", "vessels"}  # one process takes about a second for each; the others up to four
+BEDS = {**several.BEDS, **beyond.BEDS}
+QUICK = {"feed_line", "vessels", "board", "clamp"}  # one process takes about a second for each; the others up to four
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.long]) for n in BEDS])

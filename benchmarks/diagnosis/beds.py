@@ -70,12 +70,14 @@ def stairs(low: float, high: float, hold: tuple[float, float], rise: float, star
 # -- beds ------------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Input:
-    """A measured input: unit, excitation, standard deviation of its noise and step of its quantisation, in its unit."""
+    """A measured input: unit, excitation, standard deviation of its noise and step of its quantisation, in its unit, and
+    whether the experiment states their sum."""
 
     unit: str
     signal: Excitation
     noise: float = 0.0
     step: float = 0.0
+    stated: bool = False
 
 
 @dataclass(frozen=True)
@@ -89,20 +91,24 @@ class Channel:
     late: float = 0.0
 
 
+def rms(measured: Input | Channel) -> float:
+    """Standard deviation of noise and quantisation together."""
+    return float(np.hypot(measured.noise, measured.step / 12**0.5))
+
+
 @dataclass(frozen=True)
 class Effect:
     """A change that the base diagram lacks.
 
     `law` is the true sentence. `answers` are the classes and places that name it: `leakage: a b | internal leakage: part`.
     `text` holds the keys of a variant; a mapping gives one text for each record with the effect. `read` changes the formulas
-    of channels (`{}` stands for the formula without the effect), `drive` gives a record to another input.
+    of channels; `{}` in it is the formula without the effect.
     """
 
     law: str
     answers: str
     text: str | Mapping[str, str] = ""
     read: Mapping[str, str] = field(default_factory=dict)
-    drive: Mapping[str, str] = field(default_factory=dict)
 
     def variant(self, record: str) -> str | None:
         """The keys of the variant in a record; None if the record has no such effect."""
@@ -160,20 +166,20 @@ class Bed:
                 for name, shown in self.inputs.items()}
 
     def experiment(self, model: str, records: Mapping[str, str], effects: Sequence[Effect] = ()) -> str:
-        """The text of an experiment on files RECORD.csv, with the channels and inputs as the effects change them."""
+        """The text of an experiment on files RECORD.csv, with the channels as the effects change them."""
         lines = [f"experiment: {self.name}", f"model: {model}", "records:"]
         lines += [f"  {name}: {{file: {name}.csv, use: {use}}}" for name, use in records.items()]
         lines += ["time: {column: time, unit: s}", "inputs:"]
         for name, given in self.inputs.items():
-            place = next((e.drive[name] for e in effects if name in e.drive), name)
-            lines.append(f"  {place}: {{column: {name}, unit: {given.unit}, interpolation: spline}}")
+            noise = f", noise: {rms(given):.4g} {given.unit}" if given.stated else ""
+            lines.append(f"  {name}: {{column: {name}, unit: {given.unit}, interpolation: spline{noise}}}")
         lines.append("outputs:")
         for name, channel in self.channels.items():
             formula = channel.formula
             for effect in effects:
                 formula = effect.read.get(name, "{}").replace("{}", formula)
             lines.append(f'  {name}: {{is: "{formula}", column: {name}, unit: {channel.unit}, '
-                         f"noise: {max(channel.noise, channel.step / 12**0.5):.4g} {channel.unit}}}")
+                         f"noise: {rms(channel):.4g} {channel.unit}}}")
         return "\n".join([*lines, "free:", *(f"  {line.strip()}" for line in self.free.strip().splitlines())]) + "\n"
 
 
@@ -223,8 +229,10 @@ def write(bed: Bed, folder: Path) -> Path:
             y = Machine(bed, record, (*bed.effects, *bed.clutter), Path(hidden))()
         rng = generator("noise", bed.name, record)
         columns = {"time": bed.time}
-        measured = [(name, bed.inputs[name], u[::FINE]) for name, u in bed.driven(record).items()]
-        for name, shown, signal in [*measured, *zip(bed.channels, bed.channels.values(), y, strict=True)]:
+        signals: list[tuple[str, Input | Channel, Array]] = []
+        signals += [(name, bed.inputs[name], u[::FINE]) for name, u in bed.driven(record).items()]
+        signals += zip(bed.channels, bed.channels.values(), y, strict=True)
+        for name, shown, signal in signals:
             noisy = signal + shown.noise * rng.standard_normal(len(signal))
             columns[name] = np.round(noisy / shown.step) * shown.step if shown.step else noisy
         pd.DataFrame(columns).to_csv(folder / f"{record}.csv", index=False, float_format="%.8g")
@@ -240,7 +248,7 @@ def misfits(bed: Bed) -> tuple[float, tuple[float, ...]]:
     without = [tuple(other for other in hidden if other is not e) for e in bed.effects] + [bed.effects] * bool(bed.clutter)
     changes: list[list[Array]] = [[] for _ in range(1 + len(without))]
     derivatives: list[list[Array]] = []
-    noise = np.array([max(c.noise, c.step / 12**0.5) for c in bed.channels.values()])[:, None]
+    noise = np.array([rms(channel) for channel in bed.channels.values()])[:, None]
     for record in bed.records:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
@@ -280,8 +288,8 @@ def level(effect: Effect, answer: Mapping[str, Any]) -> str:
 
 
 def judged(bed: Bed, answer: Mapping[str, Any]) -> dict[str, object]:
-    """The answer beside the truth. `extra` are first names that are no declared effect; `right`: all effects are first or
-    plausible, and there is no extra name."""
+    """Compare an answer with the truth. `extra` lists first names without a declared effect. `right` is true if all
+    effects are first or plausible, and there is no extra name."""
     levels = {e.law: level(e, answer) for e in bed.effects}
     extra = [step["candidate"] for step in answer["steps"]
              if not any(e.is_named_by(other) for e in bed.effects for other in (step, *step["one_of"]))]
