@@ -23,8 +23,8 @@ def test_the_declared_effects_of_a_bed_show_in_its_records(name: str, tmp_path: 
     # the shares are stated with two digits, the misfit with three; friction adds some percent between machines
     assert misfit == pytest.approx(bed.misfit, rel=0.05)
     assert shares == pytest.approx(bed.shares, rel=0.1, abs=0.002)
-    # an effect of chi-square 1.5 per sample is 30 standard deviations in 800 samples; the weakest has 1.5 to 6
-    assert all(share * misfit > 1.5 for share in shares[:len(bed.effects)])
+    # in the smallest record, 400 samples, chi-square of 1 per sample is 14 times the standard deviation that noise causes
+    assert all(share * misfit > 1 for share in shares[:len(bed.effects)])
     experiment = hb.load_experiment(write(bed, tmp_path))
     before = hb.compare(experiment)
     assert {r.use for r in experiment.records.values()} >= {"fit", "validate"}
