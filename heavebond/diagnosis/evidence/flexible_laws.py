@@ -200,15 +200,15 @@ def _alone(way: Selection) -> Comparand:
     return Comparand(way[0].chosen, step.errors, step.experiment)
 
 
-def _compared(way: Selection, number: int | None, seconds: float, say: Progress) -> tuple[Comparand, Stage | None]:
-    """The first effect as it is beside the others, and the curves in its place; None where the others stand upon it."""
+def _compared(way: Selection, number: int | None, seconds: float, say: Progress) -> tuple[Comparand, Stage]:
+    """The first effect as it is beside the others, and the curves in its place; alone if the others cannot be fitted without
+    it."""
     law = _alone(way)
     if len(way) > 1:
         others = without_effect(way, 0, say)
-        if others is None or others[-1].chosen.errors is None:
-            return law, None
-        exact = replace(way[-1].chosen, candidate=way[0].candidate)
-        law = Comparand(exact, others[-1].chosen.errors, following(others[-1].step))
+        if others is not None and others[-1].chosen.errors is not None:
+            exact = replace(way[-1].chosen, candidate=way[0].candidate)
+            law = Comparand(exact, others[-1].chosen.errors, following(others[-1].step))
     return law, make_curve_stage(law.experiment, beside=way[0].candidate, number=number, seconds=seconds,
                                  progress=lambda text: say(f"identified curves: {text}"))
 
