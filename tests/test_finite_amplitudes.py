@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,9 +12,8 @@ from scipy.integrate import solve_ivp
 from heavebond.diagnosis.answer.sentences import broken_candidates
 from heavebond.diagnosis.candidates.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.search.base_model import Base
-from heavebond.diagnosis.search.scoring import HIGHEST, LOWEST, from_finite_amplitudes, scored
+from heavebond.diagnosis.search.scoring import HIGHEST, LOWEST, from_finite_amplitudes
 from heavebond.diagnosis.search.step import fitted_base, make_stage
-from heavebond.diagnosis.search.workers import restored_scores, scores_entry
 from heavebond.estimation.experiment import Experiment, load_experiment
 
 DIAGRAM = """
@@ -99,14 +97,6 @@ def test_its_range_is_that_of_the_place(base: Base) -> None:
 def test_what_is_no_loss_in_series_keeps_its_zero(base: Base) -> None:
     leak = next(c for c in single_candidates(base.problem.experiment) if c.kind == "leakage")
     assert from_finite_amplitudes(base, leak) is None
-
-
-def test_scores_that_are_kept_have_the_range(base: Base) -> None:
-    own = candidate(base)
-    made = scored(base, own)
-    found = restored_scores(base, own, json.loads(json.dumps(scores_entry(own, made))))
-    assert found is not None and [s.candidate for s in found] == [s.candidate for s in made]
-    assert not found[0].candidate.vanishes
 
 
 def test_what_cannot_be_simulated_is_told_where_the_answer_leaves_something_open() -> None:
