@@ -129,7 +129,8 @@ def _tree(tree: Tree) -> Html:
 def _figures(diagnosis: Diagnosis) -> Html:
     """The summary values. Errors in the units of the channels, with their noise, come first, since an error may be a small
     share of the measured signal and many times the noise."""
-    first, last = without_effects(diagnosis.ladder, diagnosis.added), diagnosis.ladder[-1]
+    added = diagnosis.added
+    first, last = without_effects(diagnosis.ladder, added) if added else diagnosis.ladder[0], diagnosis.ladder[-1]
     held = math.isfinite(last.error_held_out)
     errors = [r.error_held_out if held else r.error_fit for r in (first, last)]
     chi2 = [r.chi2_held_out if held else r.chi2_fit for r in (first, last)]

@@ -26,6 +26,7 @@ from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.evidence.probability import (
     CALIBRATION,
     NOTHING,
+    OTHER,
     OUTSIDE,
     PARAMETERS,
     Event,
@@ -111,7 +112,7 @@ class Tree:
         if len(self.effects) > 1:
             parts = [f"{e.name} ({percent(e.share)} of the misfit)" for e in self.effects]
             lines.append(f"Missing: {listing(parts, len(parts))}.")
-        lines += [" ".join(part for part in (e.statement, e.meaning) if part) for e in self.effects]
+        lines += [line for e in self.effects for line in (e.statement, e.meaning) if line]
         return tuple(f"So far: {line}" for line in lines[:1]) + tuple(lines[1:]) if self.so_far else tuple(lines)
 
     def as_dict(self) -> dict[str, object]:
@@ -151,7 +152,9 @@ def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, loca
     library = step.experiment.model.library
     events = probabilities(known)
     masses = {e.kind: e.probability for e in events if not e.labels}
-    effects = _leaves(step, [e for e in events if e.labels], library)
+    named = [e for e in events if e.labels]
+    effects = _leaves(step, named, library) if named else \
+        _scored(step, max(0.0, masses.get(OTHER, 0.0) - CALIBRATION.lapse), library)
     outside = _of_their_class(_outside(step, known, effects, localization, masses.get(OUTSIDE, 0.0)), effects)
     root = Node("answer", "the records", 1.0, (
         *_grown([*effects, *outside], 0), *(Node("system", name, masses.get(name, 0.0), key=name)
@@ -166,7 +169,7 @@ def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, loca
 
 def _leaves(step: Stage, events: Sequence[Event], library: Library) -> list[_Leaf]:
     """The effects of the catalogue with their probabilities, each class at a place divided among its laws."""
-    candidates = {s.candidate.label: s.candidate for s in step.scores}
+    candidates = {found.candidate.label: found.candidate for found in (*step.scores, *step.trials)}
     trials = {t.candidate.label: t for t in step.trials if t.errors is not None}
     found = []
     for event in events:
@@ -180,6 +183,18 @@ def _leaves(step: Stage, events: Sequence[Event], library: Library) -> list[_Lea
             if shares.get(law.label, 0.0) > 0:
                 keys, names = _levels(step, law, event.kind, library)
                 found.append(_Leaf(keys, names, event.probability * float(shares[law.label]), (law.label,)))
+    return found
+
+
+def _scored(step: Stage, mass: float, library: Library) -> list[_Leaf]:
+    """The candidates before the first refit, by their scores, which are the chi-square that they could remove; of the
+    probability `mass` of all the share that was scored."""
+    gains = {s.candidate.label: max(s.gain, 0.0) for s in step.scores}
+    total = sum(gains.values()) * max(1.0, step.planned / max(1, len(gains)))
+    found = []
+    for score in step.scores if total > 0 else ():
+        c = score.candidate
+        found.append(_Leaf(*_levels(step, c, c.kind, library), mass * gains[c.label] / total, (c.label,)))
     return found
 
 
@@ -227,7 +242,7 @@ def _outside(step: Stage, known: Evidence, effects: Sequence[_Leaf], localizatio
              ) -> list[_Leaf]:
     """The probability of a law outside the catalogue over places and kinds: by the weights of the identified curves, else by
     the localisation, else in proportion to the effects of the catalogue."""
-    among = sum(leaf.probability for leaf in effects)
+    among = sum(leaf.probability for leaf in effects) or 1.0
     if known.curves:
         weights = known.flexible[CALIBRATION.temperature]
         words = {leaf.keys[1:3]: leaf.names for leaf in effects}
@@ -387,7 +402,8 @@ def _statement(root: Node, path: Sequence[Node], best: Refit | AddedEffect | Non
     by = {node.level: node for node in path}
     if not path:
         likely = [f"{node.name} ({percent(node.probability)})" for node in root.children[:LAWS] if node.name != ANOTHER]
-        return f"The records do not decide what is missing: {listing(likely, LAWS)}."
+        return f"The records do not decide what is missing: {listing(likely, LAWS)}." if likely else \
+            "No level of the answer is probable."
     system = by["system"]
     if system.name == NOTHING:
         return f"No effect is missing ({percent(system.probability)})."
@@ -410,8 +426,10 @@ def _statement(root: Node, path: Sequence[Node], best: Refit | AddedEffect | Non
     named = by["class"]
     words = [first, f"{named.name} ({percent(named.probability)})"]
     laws = [node for node in named.children if node.name != ANOTHER]
-    if laws and named.key != OUTSIDE:
-        close = [n.name for n in laws[:LAWS] if n.probability >= COMPARABLE * laws[0].probability]
+    if laws and laws[0].key == OUTSIDE:
+        words[-1] += f", probably with {laws[0].name} ({percent(laws[0].probability)})"
+    elif laws and named.key != OUTSIDE:
+        close = [n.name for n in laws[:LAWS] if n.probability >= COMPARABLE * laws[0].probability and n.key != OUTSIDE]
         words.append(f"law {' or '.join(close)}")
     return "; ".join(words) + "."
 
@@ -424,6 +442,8 @@ def _introduced(meaning: str, path: Sequence[Node], best: Refit | AddedEffect | 
     stated = last is not None and (last.level in ("class", "law") or last.name == PARAMETERS) and last.key != OUTSIDE
     if stated:
         return meaning
+    if last is not None and last.level == "law":  # of this class, and of no law of the catalogue
+        return f"Nearest law of the catalogue: {meaning}"
     return f"Nearest in the catalogue: {best.candidate.kind}. {meaning}"
 
 
