@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from heavebond.core.errors import listing
 from heavebond.core.presentation import readable
@@ -71,8 +72,8 @@ class Node:
 
     def as_dict(self) -> dict[str, object]:
         """The branch and all below it, for machines."""
-        return {"level": self.level, "name": self.name, "probability": self.probability,
-                "below": [child.as_dict() for child in self.children]}
+        return {"level": self.level, "branch": self.name, "probability": self.probability,
+                "branches": [child.as_dict() for child in self.children]}
 
 
 @dataclass(frozen=True)
@@ -92,16 +93,31 @@ class EffectTree:
         """The statement, the path and the whole tree, for machines."""
         return {"statement": self.statement, "meaning": self.meaning,
                 "share": None if math.isnan(self.share) else self.share,
-                "stated": [{"level": n.level, "name": n.name, "probability": n.probability} for n in self.path],
+                "stated": [{"level": n.level, "branch": n.name, "probability": n.probability} for n in self.path],
                 "branches": [child.as_dict() for child in self.root.children]}
 
 
 @dataclass(frozen=True)
+class Further:
+    """A further effect that is in the model but not certain: its short name, its share of the misfit, and its sentence."""
+
+    name: str
+    share: float
+    meaning: str
+
+    def as_dict(self) -> dict[str, object]:
+        """Its share and sentence, for machines."""
+        return {"branch": self.name, "share": self.share, "meaning": self.meaning}
+
+
+@dataclass(frozen=True)
 class Tree:
-    """The hierarchical answer: a tree for each effect, and whether the search was ended early."""
+    """The hierarchical answer: a tree for each effect, whether the search was ended early, and effects that are not
+    certain."""
 
     effects: tuple[EffectTree, ...]
     so_far: bool
+    further: tuple[Further, ...] = ()
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -109,15 +125,19 @@ class Tree:
         if not self.effects:
             return ("So far no level of the answer is known: no candidate was scored.",)
         lines = []
-        if len(self.effects) > 1:
+        if len(self.effects) > 1 or self.further:
             parts = [f"{e.name} ({percent(e.share)} of the misfit)" for e in self.effects]
-            lines.append(f"Missing: {listing(parts, len(parts))}.")
+            unsure = [f"{e.name} ({percent(e.share)})" for e in self.further]
+            lines.append(f"Missing: {listing(parts, len(parts))}" + (
+                f"; not certain: {listing(unsure, len(unsure))}." if unsure else "."))
         lines += [line for e in self.effects for line in (e.statement, e.meaning) if line]
+        lines += [f"Not certain: {e.meaning}" for e in self.further]
         return tuple(f"So far: {line}" for line in lines[:1]) + tuple(lines[1:]) if self.so_far else tuple(lines)
 
     def as_dict(self) -> dict[str, object]:
         """The answer for machines."""
-        return {"words": list(self.words), "so_far": self.so_far, "effects": [e.as_dict() for e in self.effects]}
+        return {"words": list(self.words), "so_far": self.so_far, "effects": [e.as_dict() for e in self.effects],
+                "further": [e.as_dict() for e in self.further]}
 
 
 @dataclass(frozen=True)
@@ -131,20 +151,25 @@ class _Leaf:
 
 
 def answer_tree(steps: Sequence[Stage], known: Evidence | None, findings: Sequence[AddedEffect],
-                ladder: Sequence[LadderEntry], localization: Localization | None, partial: bool) -> Tree:
+                ladder: Sequence[LadderEntry], localization: Localization | None, partial: bool,
+                doubtful: Sequence[AddedEffect] = ()) -> Tree:
     """The hierarchical answer of a diagnosis; `known` is the evidence of its first step, with other values of what the
-    diagram holds fixed, and `localization` that of its first diagram."""
+    diagram holds fixed, `localization` that of its first diagram, and `doubtful` are further effects, not certain."""
     if not steps or known is None:
         return Tree((), True)
     first = held_out_or_fitted(without_effects(ladder, findings)) if ladder else math.nan
-    levels = [first, *(held_out_or_fitted(f.rung) for f in findings)]
+    levels = [first, *(held_out_or_fitted(f.rung) for f in (*findings, *doubtful))]
+    shares = [gone(first, after) - gone(first, before) for before, after in pairwise(levels)]
     found = []
     for k, step in enumerate(steps[:max(1, len(findings))]):
         finding = findings[k] if k < len(findings) else None
-        share = gone(first, levels[k + 1]) - gone(first, levels[k]) if finding is not None else math.nan
+        share = shares[k] if finding is not None else math.nan
         own = known if k == 0 else evidence(steps[k:])
         found.append(_effect_tree(step, own, finding, localization if k == 0 else None, share))
-    return Tree(tuple(found), partial)
+    library = steps[0].experiment.model.library
+    further = [Further(f"{f.candidate.kind} {f.candidate.place}", share, _meaning(f, library))
+               for f, share in zip(doubtful, shares[len(findings):], strict=True)]
+    return Tree(tuple(found), partial, tuple(further))
 
 
 def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, localization: Localization | None, share: float
@@ -162,7 +187,7 @@ def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, loca
     root = _with_rest(replace(root, children=_sorted(root.children)))
     path = _path(root)
     best = _best(step, finding, path, root)
-    meaning = _meaning(best, finding, library) if best is not None else ""
+    meaning = _meaning(best, library) if best is not None else ""
     return EffectTree(root, path, _statement(root, path, best), _introduced(meaning, path, best),
                       _short(path, best), share)
 
@@ -380,7 +405,7 @@ def branches(root: Node) -> list[tuple[int, Node]]:
 
 
 # -- words --------------------------------------------------------------------------------------------------------------
-def _meaning(best: Refit | AddedEffect, finding: AddedEffect | None, library: Library) -> str:
+def _meaning(best: Refit | AddedEffect, library: Library) -> str:
     """The best law in a sentence of physics."""
     if isinstance(best, AddedEffect):
         values = {**best.fit.values, **{p.name: p.value for p in best.parameters}}
