@@ -262,7 +262,7 @@ def test_a_search_that_is_ended_early_does_not_blame_the_catalogue() -> None:
 
     said = diagnose("receiver_rig/choked", classes=["sensor gain", "line resistance"], number=1, progress=say)
     assert said.verdict == "undetermined"
-    assert said.words[0].startswith("No conclusion yet: the search was ended early. Best so far: ")
+    assert said.words[0].startswith("The search was ended early. Best so far: ")
     assert len(said.findings) == 1
 
 
@@ -353,7 +353,7 @@ def left() -> Remainder:
 
 def test_what_is_left_is_told_by_its_law_where_that_is_decided() -> None:
     said = left()
-    assert said.decided and said.words == "Most of what is left is a force at crown over the crown.v, as a step at zero, " \
+    assert said.decided and said.words == "Most of the residual is a force at crown over the crown.v, as a step at zero, " \
         "and changes with the oil.p (80 % of it on held-out data)."
     assert said.place is not None and said.place.curve is not None
     changes: list[tuple[dict[str, Any], str]] = [

@@ -284,12 +284,12 @@ def test_every_law_that_is_starred_is_named() -> None:
     other.candidate.place, other.candidate.where = "at the floor", ("floor",)
     unsure = replace(finding, alternatives=(*finding.alternatives, other))
     assert sentences._one_of([], [unsure]) == "Missing: friction at the wall or at the floor. " \
-        "The records cannot tell these places apart."
+        "The records cannot distinguish these places."
     play = law("Law10")
     play.candidate.kind = "play"
     either = replace(unsure, alternatives=(*unsure.alternatives, play))
     assert sentences._one_of([], [either]) == "Missing: friction at the wall or at the floor; or play at the wall. " \
-        "The records cannot tell these apart."
+        "The records cannot distinguish these."
     either = replace(finding, alternatives=(*finding.alternatives, play))
     assert sentences._one_of([], [either]).startswith("Missing: friction at the wall or play at the wall. ")
 

@@ -94,5 +94,5 @@ def test_a_diagnosis_in_a_log_file(tmp_path: Path) -> None:
         env={"PATH": "", "HEAVEBOND_PROGRESS": "0.1", "HOME": str(tmp_path)})
     assert done.returncode == 0, done.stderr
     lines = done.stderr.splitlines()
-    assert all(re.match(r"(diagnos(e|ing)|looking where it fails), \d+ ", line) for line in lines)
+    assert all(re.match(r"(diagnos(e|ing)|localising the misfit), \d+ ", line) for line in lines)
     assert any("scoring " in line or "refitting " in line for line in lines)

@@ -15,6 +15,7 @@ from browser import Tab, browser
 
 from heavebond.core.presentation import number, readable
 from heavebond.diagnosis.answer.ranking import BY_KEY, entries
+from heavebond.diagnosis.answer.verdict import without_effects
 from heavebond.diagnosis.diagnose import Diagnosis, diagnose
 from heavebond.diagnosis.state import channel_errors, parameter_description, restrictions
 from heavebond.experiment_design.separation import Alternative, separate
@@ -100,16 +101,19 @@ def test_verdict_ladder_and_ranking_are_told(found: Diagnosis, page: str) -> Non
     for entry in entries(found.steps[0])[:len(found.steps[0].trials)]:
         assert f"{entry['class']} {entry['effect']} {entry['place']}" in text
         assert BY_KEY["chi2_held_out"].text(entry) in text
-    for title in ("The machine", "Records and models", "The falling error", "Where the diagram fails", "Parameters",
+    for title in ("The machine", "Records and models", "Errors of the models", "Where the diagram fails", "Parameters",
                   "Residual", "What was tried", "How to go on"):
         assert title in text
 
 
 def test_errors_stand_in_channel_units_beside_the_noise(found: Diagnosis, page: str) -> None:
-    """A share of what was measured may be small and many times the noise: the top of the page says both."""
+    """A share of what was measured may be small and many times the noise: the top of the page says both. The errors before
+    are those of the fitted model without the effect."""
     text = Tree(page).text
-    for before, after in zip(channel_errors(found.ladder[0]), channel_errors(found.ladder[-1]), strict=True):
-        channels = [part.channels[before.channel] for part in found.ladder[0].comparison.parts if part.use != "fit"]
+    fitted = without_effects(found.ladder, found.added)
+    assert fitted is found.ladder[-2]
+    for before, after in zip(channel_errors(fitted), channel_errors(found.ladder[-1]), strict=True):
+        channels = [part.channels[before.channel] for part in fitted.comparison.parts if part.use != "fit"]
         assert before.error == pytest.approx(np.sqrt(np.mean([c.error**2 for c in channels])), rel=0.1)
         noise = readable(after.noise, after.unit, 3)
         assert f"{before.channel}: rms error, on records held out {before.words} → {after.words} noise {noise}" in text

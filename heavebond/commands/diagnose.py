@@ -113,7 +113,7 @@ def _where(found: Diagnosis, budget: Budget) -> Localization | None:
     from heavebond.localise.misfit import localize
 
     try:
-        with terminal.working("looking where it fails") as progress:
+        with terminal.working("localising the misfit") as progress:
             return budget.made(lambda: localize(found.searched, values=found.fitted, progress=progress,
                                                 besides=[frozenset(f.candidate.where) for f in found.added]))
     except HeavebondError:

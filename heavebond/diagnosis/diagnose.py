@@ -127,7 +127,8 @@ class Diagnosis:
     @cached_property
     def tree(self) -> Tree:
         """The answer from the top down: measuring chain or machine, place, kind, class, law, each with its probability."""
-        return answer_tree(self.steps, self.evidence, self.findings, self.ladder, self.localization, self.partial)
+        return answer_tree(self.steps, self.evidence, self.findings, self.ladder, self.localization, self.partial,
+                           self.doubtful)
 
     @property
     def named_first(self) -> tuple[str, ...]:

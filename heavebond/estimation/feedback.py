@@ -41,7 +41,6 @@ SAMPLES = 20_000  # at most, from the beginning
 SHORTEST = 10 * ORDER
 SMOOTHED = 7  # samples of the cubics that separate the noise of an input from its course
 ALONE = 0.5  # share of a correlation from which on noise of the input explains it
-QUANTISED = 0.2  # share of different values among the samples of an input below which it is quantised
 SEGMENT = 1024  # samples of the segments that spectra are averaged over
 
 
@@ -79,40 +78,38 @@ def closed_loops(experiment: Experiment, record: Record, channels: Mapping[str, 
 def feedback(u: Array, e: Array, model: Array) -> Feedback | None:
     """The feedback from a residual e (n,) of a channel to an input u (n,) at the same times; None where it is not
     significant, or where noise of the input alone would look so. `model` (n,) is the channel as simulated."""
+    from scipy.special import erfcinv
+
     u, e, model = u[:SAMPLES], e[:SAMPLES], model[:SAMPLES]
     if len(u) < SHORTEST or not np.ptp(u) or not np.ptp(e):
         return None
-    found = _largest(u, e, model)
+    least = float(np.sqrt(2) * erfcinv(LEVEL / (LAGS + 1)))
+    seen = _correlations(u, e, model)
+    found = max((Feedback(r, lag) for lag, (r, z) in seen.items() if abs(z) > least and abs(r) > LEAST),
+                key=lambda fed: abs(fed.correlation), default=None)
     if found is None:
         return None
-    alone = _largest(*_with_input_noise(u, e, model))
-    return None if alone is not None and alone.correlation / found.correlation >= ALONE else found
+    alone, _ = _correlations(*_with_input_noise(u, e, model)).get(found.lag, (0.0, 0.0))
+    return None if alone / found.correlation >= ALONE else found
 
 
-def _largest(u: Array, e: Array, model: Array) -> Feedback | None:
-    """The largest significant correlation."""
-    from scipy.special import erfcinv
-
+def _correlations(u: Array, e: Array, model: Array) -> dict[int, tuple[float, float]]:
+    """The correlation of innovations at each lag, and z."""
     own, e = _past(u), _without(e, model)
     past = _past(e)
     v = _innovations(u[ORDER:], own)
     now = _innovations(e[ORDER:], np.hstack([past, own]))
     w = _innovations(e[ORDER:], np.hstack([past, own, u[ORDER:, None]]))
     direct = _innovations(model[ORDER:], np.hstack([_past(model), own]))
-    best = None
-    least = float(np.sqrt(2) * erfcinv(LEVEL / (LAGS + 1)))
+    found = {}
     for lag in range(0 if abs(now @ v) > abs(direct @ v) else 1, LAGS + 1):
         after, before = v[lag:], w[:len(w) - lag] if lag else now
         product = after * before
         size = float(np.sqrt(np.sum(after**2) * np.sum(before**2)))
         spread = float(np.sqrt(np.sum(product**2)))
-        if size == 0 or spread == 0:
-            continue
-        found = Feedback(float(product.sum()) / size, lag)
-        if abs(product.sum()) / spread > least and abs(found.correlation) > max(
-                LEAST, abs(best.correlation) if best is not None else 0.0):
-            best = found
-    return best
+        if size > 0 and spread > 0:
+            found[lag] = float(product.sum()) / size, float(product.sum()) / spread
+    return found
 
 
 def _with_input_noise(u: Array, e: Array, model: Array) -> tuple[Array, Array, Array]:
@@ -125,10 +122,6 @@ def _with_input_noise(u: Array, e: Array, model: Array) -> tuple[Array, Array, A
     smooth = savgol_filter(u, SMOOTHED, 3)
     kept = 1 - float(savgol_filter(np.eye(SMOOTHED)[SMOOTHED // 2], SMOOTHED, 3)[SMOOTHED // 2])  # share of white noise
     noise = float(np.std(u - smooth)) / np.sqrt(kept) * rng.standard_normal(len(u))
-    levels = np.unique(u)
-    if len(levels) < QUANTISED * len(u):
-        step = float(np.median(np.diff(levels)))
-        noise = step * np.round(smooth / step) - smooth
     segment = min(SEGMENT, len(u))
     f, power = welch(u, nperseg=segment)
     response = csd(u, model, nperseg=segment)[1] / np.maximum(power, 1e-12 * float(power.max()))

@@ -48,7 +48,7 @@ KINDS = {
     "nothing": ("No effect is missing", "fine"), "parameters": ("Parameters, not physics", "fine"),
     "effect": ("Missing effect found", "found"), "one_of": ("One of these is missing", "found"),
     "mainly": ("Mainly this effect; more is missing", "found"),
-    "shape": ("Something is missing that has no name here", "open"),
+    "shape": ("A law is missing that the catalogue does not have", "open"),
     "undetermined": ("Not decided by these records", "open"),
 }
 FITTED, HELD_OUT = "#8fa3b5", BLUE
@@ -81,9 +81,9 @@ def _sections(diagnosis: Diagnosis, shown: Sequence[ModelStyle], where: Localiza
     apart = diagnosis.separation
     return [
         ("machine", "The machine", _machine(diagnosis, where)),
-        ("finding", "What was found", _found(diagnosis)),
+        ("finding", "Added effects", _found(diagnosis)),
         ("records", "Records and models", _series(shown)),
-        ("ladder", "The falling error", _ladder(diagnosis.ladder)),
+        ("ladder", "Errors of the models", _ladder(diagnosis.ladder)),
         ("where", "Where the diagram fails", failing(where, finding) if where is not None else Html("")),
         ("separation", "What to record next", separating(apart) if apart is not None else Html("")),
         ("candidates", "Candidates and their evidence", _candidates(diagnosis)),
@@ -129,7 +129,8 @@ def _tree(tree: Tree) -> Html:
 def _figures(diagnosis: Diagnosis) -> Html:
     """The summary values. Errors in the units of the channels, with their noise, come first, since an error may be a small
     share of the measured signal and many times the noise."""
-    first, last = without_effects(diagnosis.ladder, diagnosis.added), diagnosis.ladder[-1]
+    added = diagnosis.added
+    first, last = without_effects(diagnosis.ladder, added) if added else diagnosis.ladder[0], diagnosis.ladder[-1]
     held = math.isfinite(last.error_held_out)
     errors = [r.error_held_out if held else r.error_fit for r in (first, last)]
     chi2 = [r.chi2_held_out if held else r.chi2_fit for r in (first, last)]
@@ -156,10 +157,10 @@ def _figure(name: str, value: str, small: str) -> Html:
 def _machine(diagnosis: Diagnosis, where: Localization | None) -> Html:
     """The last diagram with the findings marked; without findings, the place whose input would explain most."""
     model, marks = diagnosis.last.model, _marks(diagnosis)
-    caption = "The diagram with what was found in it, marked." if marks else "The diagram as it stands; nothing was added."
+    caption = "The diagram with the added effects marked." if marks else "The diagram without changes; nothing was added."
     if not marks and where is not None and where.suspects and diagnosis.verdict == "undetermined":
-        marks = {n.name: "asks for most" for n in where.suspects[0].place.nodes}
-        caption = "The diagram as it stands; marked is the place where something more would explain most."
+        marks = {n.name: "unknown input" for n in where.suspects[0].place.nodes}
+        caption = "The diagram without changes; marked is the place where an unknown input would explain most."
     picture = _drawn(model, marks, _rivals(diagnosis))
     if not picture:
         return picture
@@ -222,8 +223,8 @@ def _finding(k: int, finding: AddedEffect) -> Html:
     parts.append(element("details", element("summary", "as a diagram"), element("pre", element("code", _diagram(finding)))))
     others = finding.alternatives[1:]
     if others:
-        parts.append(element("p", "The records cannot tell it from: " if not finding.certain else
-                             "Other laws of the same kind at the same place do as well:"))
+        parts.append(element("p", "The records cannot distinguish it from: " if not finding.certain else
+                             "Other laws of the same class at the same place explain the records as well:"))
         parts.append(element("ul", *(element("li", f"{t.candidate.kind} {t.candidate.place} ({t.candidate.component}), "
                                              f"chi-square held out {number(t.chi2_held_out, 4)}") for t in others)))
     return joined(parts)
@@ -251,7 +252,7 @@ def _ladder(rungs: Sequence[LadderEntry]) -> Html:
     rows = [(r.name, *(f"{number(100 * e, 4)} %" if math.isfinite(e) else "–" for e in (r.error_fit, r.error_held_out)),
              *(number(c, 4) for c in (r.chi2_fit, r.chi2_held_out))) for r in rungs]
     head = ("model", "error, fitted", "error, held out", "reduced χ², fitted", "reduced χ², held out")
-    label = "Error of each model of the ladder on fitted and on held-out records"
+    label = "Error of each model on fitted and on held-out records"
     alone = ", ".join(f"{number(level, 3)} % {on}" for level, on in zip(levels, ("fitted", "held out"), strict=True)
                       if math.isfinite(level))
     legend = swatch(("area", FITTED, "on what was fitted"), ("area", HELD_OUT, "on what was held out"),
@@ -277,12 +278,12 @@ def _noise_share(record: RecordComparison) -> float:
 def _candidates(diagnosis: Diagnosis) -> Html:
     if not diagnosis.steps:
         return Html("")
-    all_ = "Effects of the catalogue were set at places where they fit, as far as the search came. The score" \
+    all_ = "Effects of the catalogue were tried at places where they fit, until the search was ended. The score" \
         if any(step.partial for step in diagnosis.steps) else \
-        "Every effect of the catalogue was set at every place where it fits. Its score"
+        "Every effect of the catalogue was tried at every place where it fits. Its score"
     words = element("p", f"{all_} is the chi-square "
-                    "that it could take away as far as a straight line holds; what decides is the refit of all that is free "
-                    "together with it, and what that leaves on held-out data.", class_="small")
+                    "that it could remove, to first order. The decision follows from the refit of all free parameters with "
+                    "it, and from the error on held-out data.", class_="small")
     steps = [joined([element("h3", f"Step {k}"), ranking(step)]) for k, step in enumerate(diagnosis.steps, 1)]
     if diagnosis.verdict == "parameters" and diagnosis.findings:
         steps.insert(1, element("p", "In the next step other values of what the diagram holds fixed were tried, without an "
@@ -330,19 +331,19 @@ def _next(diagnosis: Diagnosis, written: Sequence[Path]) -> Html:
     advice, lines = {
         "nothing": ("The diagram may be used as it is.", [f"heavebond compare {name} --output compared.png"]),
         "parameters": ("Write the fitted values back as a diagram:", [f"heavebond fit {name} --write fitted.yaml"]),
-        "effect": ("Add the effect, and ask again whether anything is left:", [f"heavebond diagnose {name}"]),
-        "one_of": ("A further record can tell them apart. Each can be put in by hand:", _tries(diagnosis, name)),
-        "mainly": ("Add the effect, and look for what is missing besides:", [f"heavebond diagnose {name}"]),
-        "shape": ("Look at what the places ask for, and give it a name as a component with an entry `effect:`:",
+        "effect": ("Add the effect, and diagnose again:", [f"heavebond diagnose {name}"]),
+        "one_of": ("A further record can distinguish them. Each can be added by hand:", _tries(diagnosis, name)),
+        "mainly": ("Add the effect, and diagnose again, as more is missing:", [f"heavebond diagnose {name}"]),
+        "shape": ("Look at the unknown input at the places, and describe it by a component with an entry `effect:`:",
                   [f"heavebond localize {name} --fitted --output where.png", f"heavebond candidates {name}"]),
-        "undetermined": ("Record again with a larger or a longer motion, or look where the misfit sits:",
+        "undetermined": ("Record a larger or a longer motion, or localise the misfit:",
                          [f"heavebond localize {name} --fitted --output where.png"])}[diagnosis.verdict]
     if diagnosis.partial and diagnosis.verdict == "undetermined":
         advice, lines = "Give the search more time:", [f"heavebond diagnose {name} --seconds {2 * diagnosis.seconds:.0f}"]
     if written:
         files = [path_text(path) for path in written]
         lines = [*(f"heavebond compare {file}" for file in files), f"heavebond diagnose {files[-1]}"]
-        advice = "What was found stands in files; look at it there, and ask again whether anything is left:"
+        advice = "The added effects are written to files. Compare them with the records, and diagnose again:"
     return joined([element("p", advice), element("pre", element("code", "\n".join(lines)))])
 
 
@@ -359,5 +360,5 @@ def _tries(diagnosis: Diagnosis, name: str) -> list[str]:
 
 
 def _foot() -> Html:
-    return element("footer", element("p", f"Made by heavebond {VERSION}. This page holds all that it shows and asks for "
-                                     "nothing from anywhere."))
+    return element("footer", element("p", f"Made by heavebond {VERSION}. This page is self-contained and "
+                                     "loads nothing."))

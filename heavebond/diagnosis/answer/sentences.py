@@ -59,7 +59,7 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
     for p in found:
         if p.unreached is not None:
             side = "below" if p.told[0] is None else "above"
-            lines.append(f"{p.name} is not reached in the records that were fitted: all they tell is that it lies {side} "
+            lines.append(f"{p.name} is not reached in the records that were fitted: they show only that it is {side} "
                          f"{readable(p.unreached, p.unit, 3)}.")
     lines += [line for f in findings for line in at_ends(f)]
     lines += _not_excluded(findings, steps)
@@ -85,8 +85,8 @@ def at_ends(finding: AddedEffect, shown: bool = True) -> list[str]:
                      f"{'the values' if several else 'the value'} nor the name is certain. Widen `search_range`, or look "
                      "for a further effect of its kind.")
     if other:
-        lines.append(f"{listing(other)} ended at the end of the range, and the records do not tell how far beyond it may "
-                     "lie.")
+        lines.append(f"{listing(other)} ended at the end of the range; the records do not show how far beyond it may "
+                     "be.")
     if limits:
         lines.append(f"{listing(f'{p.name} = {readable(p.value, p.unit, 3)}' for p in finding.at_limits)}: the law is "
                      "fitted best at this limit of the parameter.")
@@ -130,7 +130,7 @@ def _of_estimates(best: LadderEntry) -> list[str]:
     estimates = best.comparison.experiment.estimated_noise
     mixed = [f"{m.channel} (estimated at {readable_difference(m.noise, m.unit, 2)})" for m in own
              if m.channel in estimates and not estimates[m.channel].separable]
-    return [*([f"The noise of {listing(mixed, 3)} cannot be separated from the signal: judge what is left by the error in "
+    return [*([f"The noise of {listing(mixed, 3)} cannot be separated from the signal: judge the residual by the error in "
                "its unit, not by chi-square, or give `noise:`."] if mixed else []),
             *([f"The noise is estimated, and an estimate sees only what is white. If the residual is the sensor's own (a "
                f"filter, a slow swaying), write {listing(more, 3)}: then no more is sought in it."] if more else []),
@@ -243,7 +243,7 @@ def _parameters(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], 
         return "Parameters, not physics: with fitted values the residual is noise." + _refuted_words(steps)
     first, *others = map(_revalued, findings[0].alternatives)
     return f"Parameters, not physics: with {first}, the residual is near the noise level." + \
-        (f" The records do not tell it from {listing(others, 5)}." if others else "") + \
+        (f" The records do not distinguish it from {listing(others, 5)}." if others else "") + \
         " It is held fixed in this experiment: check it, or put it under `free:`."
 
 
@@ -255,7 +255,7 @@ def acting_as_values(findings: Sequence[AddedEffect], steps: Sequence[Stage], kn
         names = [n for n in step.acts_as.get(finding.candidate.label, ()) if n not in known]
         if names:
             lines.append(f"{called(finding.candidate)} acts as another value of {listing(names, len(names))} does: where "
-                         "the effect is small, the records cannot tell them apart. Make sure of that value.")
+                         "the effect is small, the records cannot distinguish them. Check that value.")
         if finding.candidate.kind == VALUE and (alike := [label for label, names in step.acts_as.items()
                                                           if finding.candidate.numbers[0].name in names]):
             lines.append(f"If {finding.candidate.numbers[0].name} is right in the diagram, an effect that acts the same is "
@@ -265,7 +265,7 @@ def acting_as_values(findings: Sequence[AddedEffect], steps: Sequence[Stage], kn
 
 def equivalent_value_words(trial: Refit) -> str:
     """That another value of a number that is held fixed does what an effect does."""
-    return f"As near to the noise comes the diagram without an effect, with {_revalued(trial)}: make sure of that value."
+    return f"The diagram without an effect comes as near to the noise with {_revalued(trial)}: check that value."
 
 
 def _revalued(trial: Refit) -> str:
@@ -330,14 +330,14 @@ def _alternatives(finding: AddedEffect) -> str:
 def _unsure(findings: Sequence[AddedEffect]) -> str:
     """What the records cannot tell apart: places alone, where each finding is of one class."""
     what = "these" if any(len(_places(f)) > 1 for f in findings) else "these places"
-    return f" The records cannot tell {what} apart."
+    return f" The records cannot distinguish {what}."
 
 
 def _shape(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
            shape: AddedEffect | None) -> str:
     said = "Something is missing that no entry of the catalogue explains."
     if findings:
-        said += f" Nearest to it: {'; and '.join(map(_alternatives, findings))}, which is not all."
+        said += f" Nearest to it: {'; and '.join(map(_alternatives, findings))}, but more is missing."
     if shape is not None:
         said += f" An identified curve {shape.candidate.place} lowers the error until its name is found."
     return said
@@ -501,5 +501,5 @@ def _cut_short(step: Stage, where: str) -> str:
         return begun + (f" Largest score: {largest.candidate.label}." if largest is not None and largest.gain > 0 else "")
     best, held = step.trials[0], math.isfinite(step.chi2_held_out)
     before, after = (step.chi2_held_out, best.chi2_held_out) if held else (step.chi2_fit, best.chi2_fit)
-    return f"{begun} Leading: {best.candidate.label}, with which chi-square per sample goes from {number(before, 3)} to " \
+    return f"{begun} Leading: {best.candidate.label}, which changes chi-square per sample from {number(before, 3)} to " \
         f"{number(after, 3)} on {'held-out' if held else 'fitted'} data."

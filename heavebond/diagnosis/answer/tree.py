@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from heavebond.core.errors import listing
 from heavebond.core.presentation import readable
@@ -26,6 +27,7 @@ from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.evidence.probability import (
     CALIBRATION,
     NOTHING,
+    OTHER,
     OUTSIDE,
     PARAMETERS,
     Event,
@@ -70,8 +72,8 @@ class Node:
 
     def as_dict(self) -> dict[str, object]:
         """The branch and all below it, for machines."""
-        return {"level": self.level, "name": self.name, "probability": self.probability,
-                "below": [child.as_dict() for child in self.children]}
+        return {"level": self.level, "branch": self.name, "probability": self.probability,
+                "branches": [child.as_dict() for child in self.children]}
 
 
 @dataclass(frozen=True)
@@ -91,16 +93,31 @@ class EffectTree:
         """The statement, the path and the whole tree, for machines."""
         return {"statement": self.statement, "meaning": self.meaning,
                 "share": None if math.isnan(self.share) else self.share,
-                "stated": [{"level": n.level, "name": n.name, "probability": n.probability} for n in self.path],
+                "stated": [{"level": n.level, "branch": n.name, "probability": n.probability} for n in self.path],
                 "branches": [child.as_dict() for child in self.root.children]}
 
 
 @dataclass(frozen=True)
+class Further:
+    """A further effect that is in the model but not certain: its short name, its share of the misfit, and its sentence."""
+
+    name: str
+    share: float
+    meaning: str
+
+    def as_dict(self) -> dict[str, object]:
+        """Its share and sentence, for machines."""
+        return {"branch": self.name, "share": self.share, "meaning": self.meaning}
+
+
+@dataclass(frozen=True)
 class Tree:
-    """The hierarchical answer: a tree for each effect, and whether the search was ended early."""
+    """The hierarchical answer: a tree for each effect, whether the search was ended early, and effects that are not
+    certain."""
 
     effects: tuple[EffectTree, ...]
     so_far: bool
+    further: tuple[Further, ...] = ()
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -108,15 +125,19 @@ class Tree:
         if not self.effects:
             return ("So far no level of the answer is known: no candidate was scored.",)
         lines = []
-        if len(self.effects) > 1:
+        if len(self.effects) > 1 or self.further:
             parts = [f"{e.name} ({percent(e.share)} of the misfit)" for e in self.effects]
-            lines.append(f"Missing: {listing(parts, len(parts))}.")
-        lines += [" ".join(part for part in (e.statement, e.meaning) if part) for e in self.effects]
+            unsure = [f"{e.name} ({percent(e.share)})" for e in self.further]
+            lines.append(f"Missing: {listing(parts, len(parts))}" + (
+                f"; not certain: {listing(unsure, len(unsure))}." if unsure else "."))
+        lines += [line for e in self.effects for line in (e.statement, e.meaning) if line]
+        lines += [f"Not certain: {e.meaning}" for e in self.further]
         return tuple(f"So far: {line}" for line in lines[:1]) + tuple(lines[1:]) if self.so_far else tuple(lines)
 
     def as_dict(self) -> dict[str, object]:
         """The answer for machines."""
-        return {"words": list(self.words), "so_far": self.so_far, "effects": [e.as_dict() for e in self.effects]}
+        return {"words": list(self.words), "so_far": self.so_far, "effects": [e.as_dict() for e in self.effects],
+                "further": [e.as_dict() for e in self.further]}
 
 
 @dataclass(frozen=True)
@@ -130,20 +151,25 @@ class _Leaf:
 
 
 def answer_tree(steps: Sequence[Stage], known: Evidence | None, findings: Sequence[AddedEffect],
-                ladder: Sequence[LadderEntry], localization: Localization | None, partial: bool) -> Tree:
+                ladder: Sequence[LadderEntry], localization: Localization | None, partial: bool,
+                doubtful: Sequence[AddedEffect] = ()) -> Tree:
     """The hierarchical answer of a diagnosis; `known` is the evidence of its first step, with other values of what the
-    diagram holds fixed, and `localization` that of its first diagram."""
+    diagram holds fixed, `localization` that of its first diagram, and `doubtful` are further effects, not certain."""
     if not steps or known is None:
         return Tree((), True)
     first = held_out_or_fitted(without_effects(ladder, findings)) if ladder else math.nan
-    levels = [first, *(held_out_or_fitted(f.rung) for f in findings)]
+    levels = [first, *(held_out_or_fitted(f.rung) for f in (*findings, *doubtful))]
+    shares = [gone(first, after) - gone(first, before) for before, after in pairwise(levels)]
     found = []
     for k, step in enumerate(steps[:max(1, len(findings))]):
         finding = findings[k] if k < len(findings) else None
-        share = gone(first, levels[k + 1]) - gone(first, levels[k]) if finding is not None else math.nan
+        share = shares[k] if finding is not None else math.nan
         own = known if k == 0 else evidence(steps[k:])
         found.append(_effect_tree(step, own, finding, localization if k == 0 else None, share))
-    return Tree(tuple(found), partial)
+    library = steps[0].experiment.model.library
+    further = [Further(f"{f.candidate.kind} {f.candidate.place}", share, _meaning(f, library))
+               for f, share in zip(doubtful, shares[len(findings):], strict=True)]
+    return Tree(tuple(found), partial, tuple(further))
 
 
 def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, localization: Localization | None, share: float
@@ -151,7 +177,9 @@ def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, loca
     library = step.experiment.model.library
     events = probabilities(known)
     masses = {e.kind: e.probability for e in events if not e.labels}
-    effects = _leaves(step, [e for e in events if e.labels], library)
+    named = [e for e in events if e.labels]
+    effects = _leaves(step, named, library) if named else \
+        _scored(step, max(0.0, masses.get(OTHER, 0.0) - CALIBRATION.lapse), library)
     outside = _of_their_class(_outside(step, known, effects, localization, masses.get(OUTSIDE, 0.0)), effects)
     root = Node("answer", "the records", 1.0, (
         *_grown([*effects, *outside], 0), *(Node("system", name, masses.get(name, 0.0), key=name)
@@ -159,14 +187,14 @@ def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, loca
     root = _with_rest(replace(root, children=_sorted(root.children)))
     path = _path(root)
     best = _best(step, finding, path, root)
-    meaning = _meaning(best, finding, library) if best is not None else ""
+    meaning = _meaning(best, library) if best is not None else ""
     return EffectTree(root, path, _statement(root, path, best), _introduced(meaning, path, best),
                       _short(path, best), share)
 
 
 def _leaves(step: Stage, events: Sequence[Event], library: Library) -> list[_Leaf]:
     """The effects of the catalogue with their probabilities, each class at a place divided among its laws."""
-    candidates = {s.candidate.label: s.candidate for s in step.scores}
+    candidates = {found.candidate.label: found.candidate for found in (*step.scores, *step.trials)}
     trials = {t.candidate.label: t for t in step.trials if t.errors is not None}
     found = []
     for event in events:
@@ -180,6 +208,18 @@ def _leaves(step: Stage, events: Sequence[Event], library: Library) -> list[_Lea
             if shares.get(law.label, 0.0) > 0:
                 keys, names = _levels(step, law, event.kind, library)
                 found.append(_Leaf(keys, names, event.probability * float(shares[law.label]), (law.label,)))
+    return found
+
+
+def _scored(step: Stage, mass: float, library: Library) -> list[_Leaf]:
+    """The candidates before the first refit, by their scores, which are the chi-square that they could remove; of the
+    probability `mass` of all the share that was scored."""
+    gains = {s.candidate.label: max(s.gain, 0.0) for s in step.scores}
+    total = sum(gains.values()) * max(1.0, step.planned / max(1, len(gains)))
+    found = []
+    for score in step.scores if total > 0 else ():
+        c = score.candidate
+        found.append(_Leaf(*_levels(step, c, c.kind, library), mass * gains[c.label] / total, (c.label,)))
     return found
 
 
@@ -227,7 +267,7 @@ def _outside(step: Stage, known: Evidence, effects: Sequence[_Leaf], localizatio
              ) -> list[_Leaf]:
     """The probability of a law outside the catalogue over places and kinds: by the weights of the identified curves, else by
     the localisation, else in proportion to the effects of the catalogue."""
-    among = sum(leaf.probability for leaf in effects)
+    among = sum(leaf.probability for leaf in effects) or 1.0
     if known.curves:
         weights = known.flexible[CALIBRATION.temperature]
         words = {leaf.keys[1:3]: leaf.names for leaf in effects}
@@ -365,7 +405,7 @@ def branches(root: Node) -> list[tuple[int, Node]]:
 
 
 # -- words --------------------------------------------------------------------------------------------------------------
-def _meaning(best: Refit | AddedEffect, finding: AddedEffect | None, library: Library) -> str:
+def _meaning(best: Refit | AddedEffect, library: Library) -> str:
     """The best law in a sentence of physics."""
     if isinstance(best, AddedEffect):
         values = {**best.fit.values, **{p.name: p.value for p in best.parameters}}
@@ -387,7 +427,8 @@ def _statement(root: Node, path: Sequence[Node], best: Refit | AddedEffect | Non
     by = {node.level: node for node in path}
     if not path:
         likely = [f"{node.name} ({percent(node.probability)})" for node in root.children[:LAWS] if node.name != ANOTHER]
-        return f"The records do not decide what is missing: {listing(likely, LAWS)}."
+        return f"The records do not decide what is missing: {listing(likely, LAWS)}." if likely else \
+            "No level of the answer is probable."
     system = by["system"]
     if system.name == NOTHING:
         return f"No effect is missing ({percent(system.probability)})."
@@ -410,8 +451,10 @@ def _statement(root: Node, path: Sequence[Node], best: Refit | AddedEffect | Non
     named = by["class"]
     words = [first, f"{named.name} ({percent(named.probability)})"]
     laws = [node for node in named.children if node.name != ANOTHER]
-    if laws and named.key != OUTSIDE:
-        close = [n.name for n in laws[:LAWS] if n.probability >= COMPARABLE * laws[0].probability]
+    if laws and laws[0].key == OUTSIDE:
+        words[-1] += f", probably with {laws[0].name} ({percent(laws[0].probability)})"
+    elif laws and named.key != OUTSIDE:
+        close = [n.name for n in laws[:LAWS] if n.probability >= COMPARABLE * laws[0].probability and n.key != OUTSIDE]
         words.append(f"law {' or '.join(close)}")
     return "; ".join(words) + "."
 
@@ -424,6 +467,8 @@ def _introduced(meaning: str, path: Sequence[Node], best: Refit | AddedEffect | 
     stated = last is not None and (last.level in ("class", "law") or last.name == PARAMETERS) and last.key != OUTSIDE
     if stated:
         return meaning
+    if last is not None and last.level == "law":  # of this class, and of no law of the catalogue
+        return f"Nearest law of the catalogue: {meaning}"
     return f"Nearest in the catalogue: {best.candidate.kind}. {meaning}"
 
 

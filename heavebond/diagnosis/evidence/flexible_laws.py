@@ -246,17 +246,17 @@ class Remainder:
         """It in a sentence."""
         place = self.place
         if place is None or place.curve is None:
-            return "What is left acts as no force or flow at any place of the diagram."
+            return "The residual acts as no force or flow at any place of the diagram."
         curve, percent = place.curve, number(100 * self.share, 2)
         if not self.decided:
             why = f"{number(100 * curve.covered, 2)} % of the held-out motion lies within that of the fitted records" \
                 if curve.covered < DECISION.covered else "none predicts held-out data better than the model without it"
-            return f"Whether a law of one or two variables at some place would explain what is left is not decided: {why}."
+            return f"Whether a law of one or two variables at some place would explain the residual is not decided: {why}."
         said = f"a {noun(place)} {place.place.words} over the {curve.variable.phrase}, {shape_words(curve)}"
         if curve.r2 < INPUT_ESTIMATION.explains:
-            return "No law of one or two variables at any place explains most of what is left: the best is " \
+            return "No law of one or two variables at any place explains most of the residual: the best is " \
                    f"{said}, with {percent} % of it on held-out data."
-        return f"Most of what is left is {said} ({percent} % of it on held-out data)."
+        return f"Most of the residual is {said} ({percent} % of it on held-out data)."
 
     def as_dict(self) -> dict[str, object]:
         """The figures, for machines."""
