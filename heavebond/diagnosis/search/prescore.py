@@ -1,0 +1,278 @@
+"""Scores of thousands of laws between two nodes from a few adjoint runs, to first order along the base model.
+
+A law between two nodes adds through variables w(t) there (forces, flows, heat flows). In the linear time-varying model
+along the run of a record (see `localise.ltv_model`), with dy the deviation of the channels over their noise,
+
+    dx' = A dx + B w,     dy = C dx + D w,
+
+the derivative of v'dy to w at every node and sample is lambda(v), from one backward recursion for any vector v (n,):
+
+    mu_k = C_k'v_k + phi_k'mu_{k+1},     lambda_k = D_k'v_k + (gamma_{k-1}'mu_k + gamma_k'mu_{k+1}) / 2.
+
+With s (n,) the derivative of the residuals to the amplitude of a law, s'v is the sum over its ports and the samples of
+lambda(v) times w of unit amplitude, which the equations of the component give from the across variables of the base run. The
+score (see `search.scoring`) is z = -s_o'r / |s_o| with s_o = Q s, Q symmetric. So s_o'r = s'(Q r) is exact to first order, and
+with v_k (n,) of independent standard normal numbers
+
+    |s_o|**2 = E (s_o'v)**2 = mean over k of (s'(Q v_k))**2.
+
+With `SKETCH` vectors |s_o| has a relative standard deviation of 1/sqrt(2 * SKETCH), 9 %. The same numbers are coordinates of
+s_o in which the cosine of two directions is kept to about 1/sqrt(SKETCH) (W. B. Johnson, J. Lindenstrauss, 1984).
+
+A law is left out whose equations do not give its through variables by formulas of the across variables: one with states, or
+one that is implicit.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import HeavebondError
+from heavebond.core.units import Dimension
+from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber
+from heavebond.diagnosis.search.base_model import Base
+from heavebond.diagnosis.search.scoring import may_be_below_neutral, points_within
+from heavebond.equations.places import sources_of
+from heavebond.estimation.residuals import Run
+from heavebond.language.definition import Component, Parameter, Value
+from heavebond.language.library import Library
+from heavebond.language.symbols import Context, evaluate
+from heavebond.localise.ltv_model import LtvModel, SourcedRecord, known_of
+from heavebond.numerics.dae import Array
+from heavebond.text.expression import Expr, ExpressionProblem, Name
+
+SKETCH, RAW = 64, 8  # random vectors for |s_o|, and for |s|, of which only the order of magnitude is needed
+
+
+@dataclass(frozen=True)
+class Prescore:
+    """A candidate at one choice of its shapes: z to first order, whether the amplitude may have either sign, the estimated
+    share |s_o|/|s|, and `sketch` (K,), coordinates of s_o whose mean square is 1 (of a residual with the covariance of the
+    noise: see `evidence.residual_tests`)."""
+
+    candidate: Candidate
+    shapes: Mapping[str, float]
+    z: float
+    signed: bool
+    share: float
+    sketch: Array
+
+    @property
+    def gain(self) -> float:
+        """How much chi-square it would take away, to first order."""
+        return self.z**2 if self.z > 0 or self.signed else 0.0
+
+
+@dataclass(frozen=True)
+class Adjoint:
+    """One record: lambda (V, N) of all vectors at every source (`crown.f`), and the courses (N,) of the across variables and
+    positions of the nodes in the base run, in SI."""
+
+    gradients: Mapping[str, Array]
+    courses: Mapping[str, Array]
+
+
+def prescores(base: Base, candidates: Sequence[Candidate]) -> tuple[list[Prescore], list[Candidate]]:
+    """The prescores of candidates that attach across two nodes, at the choices of their shapes that an exact score takes;
+    and the candidates that have none. HeavebondError where the base model has no linear model."""
+    vectors = _vectors(base)
+    with tempfile.TemporaryDirectory() as folder:
+        adjoints = [_adjoint(base, run, part, Path(folder)) for run, part in zip(
+            base.problem.runs, np.split(vectors, np.cumsum([int(run.counts.sum()) for run in base.problem.runs])[:-1], axis=1),
+            strict=True)]
+    library, values = base.problem.experiment.model.library, base.problem.runs[0].assembly.parameter_values
+    media = {leaf.component.name: leaf.path for leaf in base.problem.runs[0].assembly.flat.expanded.leaves.values()}
+    laws: dict[str, StaticLaw | None] = {}
+    found, without = [], []
+    for candidate in candidates:
+        if candidate.component not in laws:
+            laws[candidate.component] = StaticLaw.of(library, library.component(candidate.component), media, values)
+        law = laws[candidate.component]
+        own = _of(candidate, law, adjoints) if law is not None else []
+        found += own
+        if not own:
+            without.append(candidate)
+    return found, without
+
+
+def _vectors(base: Base) -> Array:
+    """The vectors v (V, n): the residual and random ones without what the free parameters take of each, then random ones as
+    they are, then, where inputs have noise, random residuals of a right model without what the free parameters take."""
+    draw = np.random.default_rng(0)
+    n = len(base.r)
+    own = draw.standard_normal((SKETCH, n))
+    parts = [base.split(base.r)[0][None], np.array([base.split(v)[0] for v in own]), draw.standard_normal((RAW, n))]
+    errors = np.hstack([run.input_errors for run in base.problem.runs])
+    if len(errors):
+        left = np.sqrt(np.clip(1 - np.mean(errors**2, axis=0), 0.0, 1.0))
+        noisy = left * own + draw.standard_normal((SKETCH, len(errors))) @ errors / np.sqrt(len(errors))
+        parts.append(np.array([base.split(v)[0] for v in noisy]))
+    return np.concatenate(parts)
+
+
+def _adjoint(base: Base, run: Run, vectors: Array, folder: Path) -> Adjoint:
+    """The backward recursion of one record for all vectors (V, n of this record)."""
+    values = base.problem.values_of(base.inner, run.record.name)
+    experiment = base.problem.experiment
+    sourced = SourcedRecord(experiment, run.record, folder, sources_of)
+    known = [known_of(free, values[free.name]) for free in experiment.free.values()]
+    model = sourced.about({n: v for n, v in values.items() if n in sourced.assembly.parameter_values}, known)
+    weighted = np.zeros((len(vectors), *run.counts.shape))
+    # the linear model has its channels over one noise each
+    weighted[:, run.counts] = vectors * (sourced.noise[:, None] / run.noise)[run.counts]
+    gradients = backward(model, weighted)
+    local = dict(zip((s.name for s in sourced.locals), model.local.T, strict=True))
+    flat = sourced.assembly.flat
+    courses = {f"{node.name}.{member}": local[shared] for node in sourced.nodes.values()
+               for member in (*node.domain.across, *node.domain.positions)
+               if (index := flat.names.get(f"{node.name}.{member}")) is not None
+               and (shared := flat.unknowns[index].name) in local}
+    return Adjoint(dict(zip(sourced.nodes, gradients, strict=True)), courses)
+
+
+def backward(model: LtvModel, vectors: Array) -> Array:
+    """lambda (sources, V, N) of vectors (V, channels, N) in the channels of the model."""
+    phi, gamma = model.phi[:, :, :model.phi.shape[1]], model.gamma
+    c, d = model.c[:, :, :phi.shape[1]], model.d
+    count = len(model.time)
+    found = np.empty((count, len(vectors), gamma.shape[2]))
+    mu = np.zeros((len(vectors), phi.shape[1]))
+    for k in range(count - 1, -1, -1):
+        step = mu @ gamma[k] / 2 if k < count - 1 else 0.0
+        mu = vectors[:, :, k] @ c[k] + (mu @ phi[k] if k < count - 1 else 0.0)
+        found[k] = vectors[:, :, k] @ d[k] + step + (mu @ gamma[k - 1] / 2 if k else 0.0)
+    return np.ascontiguousarray(found.transpose(2, 1, 0))
+
+
+@dataclass(frozen=True)
+class StaticLaw:
+    """The through variables of a component as formulas of the across variables and positions at its ports. `tangents` maps
+    (courses, parameters) to the derivatives (through, groups) of them to the amplitudes, those of one unit together, and to
+    the variables `seen` by whose motion shapes are sought; `values` are those of the parameters but the effect's own."""
+
+    component: Component
+    given: tuple[str, ...]
+    through: tuple[str, ...]
+    seen: tuple[str, ...]
+    groups: int
+    tangents: ca.Function
+    parameters: tuple[str, ...]
+    values: Mapping[str, float]
+
+    @classmethod
+    def of(cls, library: Library, component: Component, media: Mapping[str, str], values: Mapping[str, float]
+           ) -> StaticLaw | None:
+        """None where the equations are no formulas, or a parameter has no value. `media` are the parts of a diagram by their
+        components, `values` its parameters."""
+        effect = component.effect
+        if effect is None or component.composite or component.when or component.signals:
+            return None
+        domains = {port.name: library.domains.get(port.domain) for port in component.ports.values()}
+        formulas = {line.tree.left.text: line.tree.right for line in component.equations
+                    if isinstance(line.tree.left, Name) and line.each is None}
+        if len(formulas) < len(component.equations) or None in domains.values():
+            return None
+        given = {f"{port}.{m}": ca.SX.sym(m) for port, domain in domains.items() if domain is not None
+                 for m in (*domain.across, *domain.positions)}
+        parameters = {name: ca.SX.sym(name) for name in component.parameters}
+        through = tuple(f"{port}.{m}" for port, domain in domains.items() if domain is not None for m in domain.through)
+        seen = tuple(dict.fromkeys(s.seen for s in effect.shapes.values() if s.seen))
+        groups: dict[Dimension, list[ca.SX]] = {}
+        for name in effect.amplitude:
+            groups.setdefault(component.parameters[name].unit.dimension, []).append(parameters[name])
+        known = {**given, **parameters}
+        context = Context(lambda text, name: known[text] if text in known else known.setdefault(
+            text, evaluate(formulas[text], context)), _no_derivative)
+        try:
+            flows = ca.vertcat(*(evaluate(formulas[name], context) for name in through))
+            courses = [evaluate(formulas[name], context) if name in formulas else known[name] for name in seen]
+            constants = {p.name: value for p in component.parameters.values()
+                         if p.name not in (*effect.amplitude, *effect.shapes)
+                         for value in [_constant(p, domains.values(), media, values)]}
+        except (KeyError, ExpressionProblem, RecursionError):
+            return None
+        along = ca.horzcat(*(ca.sum2(ca.jacobian(flows, ca.vertcat(*group))) for group in groups.values()))
+        return cls(component, tuple(given), through, seen, len(groups), ca.Function(
+            "law", [ca.vertcat(*given.values()), ca.vertcat(*parameters.values())],
+            [ca.densify(ca.vec(along)), ca.densify(ca.vertcat(*courses)) if courses else ca.DM(0, 1)]),
+            tuple(parameters), constants)
+
+    def at(self, courses: Array, numbers: Mapping[str, float]) -> tuple[Array, Array]:
+        """The derivatives (groups, through, N) and the variables seen (seen, N) for courses (given, N)."""
+        values = {**dict.fromkeys(self.parameters, 0.0), **self.values, **numbers}
+        tangents, seen = self.tangents(courses, ca.DM([values[name] for name in self.parameters]))
+        return np.asarray(tangents).reshape(self.groups, len(self.through), -1), np.asarray(seen)
+
+
+def _no_derivative(value: ca.SX) -> ca.SX:
+    raise KeyError("der")
+
+
+def _constant(parameter: Parameter, domains: object, media: Mapping[str, str], values: Mapping[str, float]) -> float:
+    """The value of a parameter that is not sought: of the medium of the circuit, or its default. KeyError without one."""
+    if parameter.count is not None:
+        raise KeyError(parameter.name)
+    for domain in domains if parameter.medium else ():  # type: ignore[attr-defined]
+        if (full := f"{media.get(domain.medium, '')}.{parameter.medium}") in values:
+            return values[full]
+    if not isinstance(parameter.default, Value):
+        raise KeyError(parameter.name)
+    return float(evaluate(parameter.default.expr, Context(_no_name, _no_derivative)))
+
+
+def _no_name(text: str, name: Expr) -> ca.SX:
+    raise KeyError(text)
+
+
+def _of(candidate: Candidate, law: StaticLaw, adjoints: Sequence[Adjoint]) -> list[Prescore]:
+    """The prescores of one candidate; none where it has no amplitude that vanishes, or its nodes have no source."""
+    node = {end.lstrip("+").rpartition(".")[2]: name for name, ends in candidate.change.nodes.items() for end in ends}
+    places = [f"{node.get(name.partition('.')[0], '')}.{name.partition('.')[2]}" for name in law.through]
+    given = [f"{node.get(name.partition('.')[0], '')}.{name.partition('.')[2]}" for name in law.given]
+    if len(candidate.vanishing) < sum(n.amplitude for n in candidate.numbers) or any(
+            n.sought is not None and n.sought.held for n in candidate.numbers) or not all(
+            set(places) <= a.gradients.keys() and set(given) <= a.courses.keys() for a in adjoints):
+        return []
+    courses = [np.array([a.courses[name] for name in given]) for a in adjoints]
+    short = {n.name: n.name.rpartition(".")[2] for n in candidate.numbers}
+    middle = {short[n.name]: 1.0 for n in candidate.numbers if not n.amplitude}
+    motions = _motions(candidate, law, [law.at(course, middle)[1] for course in courses])
+    found = []
+    for shapes in points_within(candidate, motions):
+        products = np.zeros((law.groups, len(next(iter(adjoints[0].gradients.values())))))
+        for adjoint, course in zip(adjoints, courses, strict=True):
+            tangents = law.at(course, {short[name]: value for name, value in shapes.items()})[0]
+            for k, place in enumerate(places):
+                # what flows into the component leaves the node
+                products -= tangents[:, k] @ adjoint.gradients[place].T
+        for group, amplitudes in zip(products, _groups(candidate), strict=True):
+            own = group[1:1 + SKETCH]
+            length = float(np.sqrt(np.mean(own**2)))
+            size = float(np.sqrt(np.mean(group[1 + SKETCH:1 + SKETCH + RAW]**2)))
+            if not (np.isfinite(length) and 0 < length < np.inf and size > 0):
+                continue
+            noisy = group[1 + SKETCH + RAW:] if len(group) > 1 + SKETCH + RAW else own
+            found.append(Prescore(candidate, shapes, float(-group[0] / length), any(map(may_be_below_neutral, amplitudes)),
+                                  length / size, noisy / length))
+    return found
+
+
+def _groups(candidate: Candidate) -> list[list[EffectNumber]]:
+    """The amplitudes that move together, those of one unit."""
+    groups: dict[Dimension, list[EffectNumber]] = {}
+    for number in candidate.vanishing:
+        groups.setdefault(number.unit.dimension, []).append(number)
+    return list(groups.values())
+
+
+def _motions(candidate: Candidate, law: StaticLaw, seen: Sequence[Array]) -> dict[str, tuple[float, float]]:
+    """As `motion_ranges`, by the variables seen (seen, N) in each record."""
+    courses = dict(zip(law.seen, np.hstack(seen), strict=True))
+    return {n.name: (float(course.min()), float(course.max())) for n in candidate.numbers
+            if n.follows for course in [courses[n.follows.rpartition(".")[2]]]}
