@@ -226,8 +226,8 @@ class _Jacobians:
     def at(self, result: Result, samples: NDArray[np.int64], along: Array) -> tuple[Array, ...]:
         """A with A_q, B, y, C with C_q, D, the local signals and theirs, at some samples of a run."""
         given = [np.ascontiguousarray(part[:, samples]) for part in columns(result)]
-        rows = _mapped(self._values, given)[:, 0].T
-        whole = self._without_algebraic(np.ascontiguousarray(_mapped(self._along, given, along).transpose(2, 0, 1)))
+        rows = mapped(self._values, given)[:, 0].T
+        whole = self._without_algebraic(np.ascontiguousarray(mapped(self._along, given, along).transpose(2, 0, 1)))
         n, outputs = self.n, self.n + self.z + self.outputs
         scale = np.concatenate([self.nominal, np.ones(self.k)])
         inner = whole[:, :, :n + self.k] * scale
@@ -245,7 +245,7 @@ class _Jacobians:
         return np.asarray(rest - whole[:, :, n:n + z] @ follows)
 
 
-def _mapped(function: Buffered, given: Sequence[Array], *same: Array) -> Array:
+def mapped(function: Buffered, given: Sequence[Array], *same: Array) -> Array:
     """The values (rows, columns, N) of a function of `AT_ONCE` points at N points, whose arguments (n, N) are `given`, and
     those that are the `same` everywhere behind them."""
     count, found, repeated = given[0].shape[1], [], [np.tile(part, (1, AT_ONCE)) for part in same]

@@ -16,7 +16,7 @@ with v_k (n,) of independent standard normal numbers
 
     |s_o|**2 = E (s_o'v)**2 = mean over k of (s'(Q v_k))**2.
 
-With `SKETCH` vectors |s_o| has a relative standard deviation of 1/sqrt(2 * SKETCH), 9 %. The same numbers are coordinates of
+With `SKETCH` vectors |s_o| has a relative standard deviation of 1/sqrt(2 * SKETCH), 6 %. The same numbers are coordinates of
 s_o in which the cosine of two directions is kept to about 1/sqrt(SKETCH) (W. B. Johnson, J. Lindenstrauss, 1984).
 
 A law is left out whose equations do not give its through variables by formulas of the across variables: one with states, or
@@ -27,33 +27,44 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
 from heavebond.core.errors import HeavebondError
+from heavebond.core.errors import HeavebondError
 from heavebond.core.units import Dimension
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber
 from heavebond.diagnosis.search.base_model import Base
-from heavebond.diagnosis.search.scoring import may_be_below_neutral, points_within
+from heavebond.diagnosis.search.scoring import SAME, may_be_below_neutral, points_within
+from heavebond.equations.buffered import Buffered
 from heavebond.equations.places import sources_of
 from heavebond.estimation.residuals import Run
 from heavebond.language.definition import Component, Parameter, Value
 from heavebond.language.library import Library
 from heavebond.language.symbols import Context, evaluate
-from heavebond.localise.ltv_model import LtvModel, SourcedRecord, known_of
+from heavebond.localise.ltv_model import AT_ONCE, LtvModel, SourcedRecord, known_of, mapped
 from heavebond.numerics.dae import Array
 from heavebond.text.expression import Expr, ExpressionProblem, Name
 
-SKETCH, RAW = 64, 8  # random vectors for |s_o|, and for |s|, of which only the order of magnitude is needed
+SKETCH, RAW = 128, 8  # random vectors for |s_o|, and for |s|, of which only the order of magnitude is needed
+EXACT = 200  # candidates at distant nodes that get an exact score, at most; one takes about as long as a run of the records
+PROMISING = 0.1  # as in `search.schedule`: what promises less is not refitted among the first
+VISIBLE = 4.0  # the smallest gain, that of two standard deviations: what promises less is no evidence
+RIGID = "its nodes move as one"
+SAME_MACHINE = "the same law at nodes that move with these is a candidate"
+SMALL = "its prescore is small beside others"
+NO_PRESCORE = "its law has no prescore, and other laws of its class there have a small one"
+UNSEEN = "the free parameters act alike, or it does nothing"
+NO_LINEAR_MODEL = "the model has no linear model along its run"
 
 
 @dataclass(frozen=True)
 class Prescore:
-    """A candidate at one choice of its shapes: z to first order, whether the amplitude may have either sign, the estimated
-    share |s_o|/|s|, and `sketch` (K,), coordinates of s_o whose mean square is 1 (of a residual with the covariance of the
+    """A candidate at one choice of its shapes: z to first order of the amplitudes `along`, whether they may have either sign,
+    the estimated share |s_o|/|s|, and `sketch` (K,), coordinates of s_o whose mean square is 1 (of a residual with the covariance of the
     noise: see `evidence.residual_tests`)."""
 
     candidate: Candidate
@@ -62,11 +73,69 @@ class Prescore:
     signed: bool
     share: float
     sketch: Array
+    along: tuple[str, ...]
 
     @property
     def gain(self) -> float:
         """How much chi-square it would take away, to first order."""
         return self.z**2 if self.z > 0 or self.signed else 0.0
+
+
+@dataclass(frozen=True)
+class Prescored:
+    """The candidates at distant nodes that get an exact score, the prescores of all of them, and the labels of those that get
+    none, each with the reason."""
+
+    selected: tuple[Candidate, ...] = ()
+    scores: tuple[Prescore, ...] = ()
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+
+def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], as_one: Mapping[str, str]) -> Prescored:
+    """Choose the candidates at distant nodes that may matter beside those at nodes that a component joins (`near`): all laws
+    of a class at a place where one of them has a gain of a share `PROMISING` of the largest, and of at least `VISIBLE`. A law
+    that has no prescore goes with its class there. At most `EXACT` are chosen, those with the largest gains."""
+    joined = {_machine(c, as_one) for c in near}
+    left_out, apart = dict[str, str](), dict[object, Candidate]()
+    for candidate in distant:
+        key = _machine(candidate, as_one)
+        if len(key[1]) < len(set(candidate.change.nodes)):
+            left_out[candidate.label] = RIGID
+        elif key in joined or key in apart:
+            left_out[candidate.label] = SAME_MACHINE
+        else:
+            apart[key] = candidate
+    distant = list(apart.values())
+    if not distant:
+        return Prescored(left_out=left_out)
+    across = [c for c in near if c.attaches == "across" and not c.members]
+    try:
+        scores, without = prescores(base, [*across, *distant])
+    except HeavebondError:
+        return Prescored(left_out={**left_out, **{c.label: NO_LINEAR_MODEL for c in distant}})
+    labels = {c.label for c in distant}
+    least = max(VISIBLE, PROMISING * max((p.gain for p in scores if p.share > SAME), default=0.0))
+    scores = [p for p in scores if p.candidate.label in labels and p.share > SAME]
+    families: dict[object, float] = {}
+    for p in scores:
+        families[_family(p.candidate)] = max(p.gain, families.get(_family(p.candidate), 0.0))
+    hopeful = sorted((c for c in distant if families.get(_family(c), 0.0) >= least), key=lambda c: -families[_family(c)])
+    selected = {c.label for c in hopeful[:EXACT]}
+    known = {p.candidate.label for p in scores}
+    unknown = {c.label for c in without}
+    left_out |= {c.label: NO_PRESCORE if c.label in unknown else SMALL if c.label in known else UNSEEN
+                 for c in distant if c.label not in selected}
+    return Prescored(tuple(c for c in distant if c.label in selected), tuple(scores), left_out)
+
+
+def _family(candidate: Candidate) -> tuple[str, frozenset[str]]:
+    """Class and place."""
+    return candidate.kind, frozenset(candidate.where)
+
+
+def _machine(candidate: Candidate, as_one: Mapping[str, str]) -> tuple[str, frozenset[str]]:
+    """The law and its nodes, those that move as one by one name: the same for candidates that are one machine."""
+    return candidate.component, frozenset(as_one.get(node, node) for node in candidate.change.nodes)
 
 
 @dataclass(frozen=True)
@@ -161,7 +230,7 @@ class StaticLaw:
     through: tuple[str, ...]
     seen: tuple[str, ...]
     groups: int
-    tangents: ca.Function
+    tangents: Buffered
     parameters: tuple[str, ...]
     values: Mapping[str, float]
 
@@ -198,16 +267,16 @@ class StaticLaw:
         except (KeyError, ExpressionProblem, RecursionError):
             return None
         along = ca.horzcat(*(ca.sum2(ca.jacobian(flows, ca.vertcat(*group))) for group in groups.values()))
-        return cls(component, tuple(given), through, seen, len(groups), ca.Function(
+        return cls(component, tuple(given), through, seen, len(groups), Buffered(ca.Function(
             "law", [ca.vertcat(*given.values()), ca.vertcat(*parameters.values())],
-            [ca.densify(ca.vec(along)), ca.densify(ca.vertcat(*courses)) if courses else ca.DM(0, 1)]),
-            tuple(parameters), constants)
+            [ca.densify(ca.vertcat(ca.vec(along), *courses))]).map(AT_ONCE)), tuple(parameters), constants)
 
     def at(self, courses: Array, numbers: Mapping[str, float]) -> tuple[Array, Array]:
         """The derivatives (groups, through, N) and the variables seen (seen, N) for courses (given, N)."""
         values = {**dict.fromkeys(self.parameters, 0.0), **self.values, **numbers}
-        tangents, seen = self.tangents(courses, ca.DM([values[name] for name in self.parameters]))
-        return np.asarray(tangents).reshape(self.groups, len(self.through), -1), np.asarray(seen)
+        rows = mapped(self.tangents, [courses], np.array([[values[name]] for name in self.parameters]))[:, 0]
+        own = self.groups * len(self.through)
+        return rows[:own].reshape(self.groups, len(self.through), -1), rows[own:]
 
 
 def _no_derivative(value: ca.SX) -> ca.SX:
@@ -259,7 +328,7 @@ def _of(candidate: Candidate, law: StaticLaw, adjoints: Sequence[Adjoint]) -> li
                 continue
             noisy = group[1 + SKETCH + RAW:] if len(group) > 1 + SKETCH + RAW else own
             found.append(Prescore(candidate, shapes, float(-group[0] / length), any(map(may_be_below_neutral, amplitudes)),
-                                  length / size, noisy / length))
+                                  length / size, noisy / length, tuple(n.name for n in amplitudes)))
     return found
 
 
