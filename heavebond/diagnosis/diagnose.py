@@ -138,6 +138,7 @@ class Diagnosis:
         return {
             "verdict": self.verdict, "words": list(self.words), "probabilities": [e.as_dict() for e in self.events],
             "partial": self.partial, "not_tried": list(self.untried),
+            "left_out": [dict(stage.left_out) for stage in self.steps],
             "lost": sorted({label for stage in self.steps for label in stage.lost}),
             "steps": [f.as_dict() for f in self.findings],
             "shape": self.shape and self.shape.as_dict(), "ladder": [r.as_dict() for r in self.ladder],

@@ -30,7 +30,6 @@ from heavebond.numerics.dae import Assembly
 from heavebond.text.expression import parse_formula
 from heavebond.text.shapes import whole_number
 
-
 ALL_PAIRS = 40  # nodes of a domain up to which all pairs of them are places of effects
 
 

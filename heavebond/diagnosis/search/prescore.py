@@ -10,17 +10,18 @@ the derivative of v'dy to w at every node and sample is lambda(v), from one back
     mu_k = C_k'v_k + phi_k'mu_{k+1},     lambda_k = D_k'v_k + (gamma_{k-1}'mu_k + gamma_k'mu_{k+1}) / 2.
 
 With s (n,) the derivative of the residuals to the amplitude of a law, s'v is the sum over its ports and the samples of
-lambda(v) times w of unit amplitude, which the equations of the component give from the across variables of the base run. The
-score (see `search.scoring`) is z = -s_o'r / |s_o| with s_o = Q s, Q symmetric. So s_o'r = s'(Q r) is exact to first order, and
-with v_k (n,) of independent standard normal numbers
+lambda(v) times w of unit amplitude, which the equations of the component give from the across variables of the base run.
+The score (see `search.scoring`) is z = -s_o'r / |s_o| with s_o = Q s, Q symmetric. So s_o'r = s'(Q r) is exact to first
+order, and with v_k (n,) of independent standard normal numbers
 
     |s_o|**2 = E (s_o'v)**2 = mean over k of (s'(Q v_k))**2.
 
 With `SKETCH` vectors |s_o| has a relative standard deviation of 1/sqrt(2 * SKETCH), 6 %. The same numbers are coordinates of
 s_o in which the cosine of two directions is kept to about 1/sqrt(SKETCH) (W. B. Johnson, J. Lindenstrauss, 1984).
 
-A law is left out whose equations do not give its through variables by formulas of the across variables: one with states, or
-one that is implicit.
+A law has no prescore if its equations do not give its through variables by formulas of the across variables: a law with
+states, or an implicit one. What an effect changes at the start of a record, as the equilibrium from which a machine begins,
+is not in s.
 """
 
 from __future__ import annotations
@@ -33,7 +34,6 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from heavebond.core.errors import HeavebondError
 from heavebond.core.errors import HeavebondError
 from heavebond.core.units import Dimension
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber
@@ -63,9 +63,9 @@ NO_LINEAR_MODEL = "the model has no linear model along its run"
 
 @dataclass(frozen=True)
 class Prescore:
-    """A candidate at one choice of its shapes: z to first order of the amplitudes `along`, whether they may have either sign,
-    the estimated share |s_o|/|s|, and `sketch` (K,), coordinates of s_o whose mean square is 1 (of a residual with the covariance of the
-    noise: see `evidence.residual_tests`)."""
+    """A candidate at one choice of its shapes: z to first order of the amplitudes `along`, whether they may have either
+    sign, the estimated share |s_o|/|s|, and `sketch` (K,), coordinates of s_o over its length for the covariance that the
+    residual of a right model has (see `evidence.residual_tests`)."""
 
     candidate: Candidate
     shapes: Mapping[str, float]
@@ -83,8 +83,8 @@ class Prescore:
 
 @dataclass(frozen=True)
 class Prescored:
-    """The candidates at distant nodes that get an exact score, the prescores of all of them, and the labels of those that get
-    none, each with the reason."""
+    """The candidates at distant nodes that get an exact score, the prescores of all of them, and the labels of those that
+    get none, each with the reason."""
 
     selected: tuple[Candidate, ...] = ()
     scores: tuple[Prescore, ...] = ()
@@ -93,8 +93,8 @@ class Prescored:
 
 def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], as_one: Mapping[str, str]) -> Prescored:
     """Choose the candidates at distant nodes that may matter beside those at nodes that a component joins (`near`): all laws
-    of a class at a place where one of them has a gain of a share `PROMISING` of the largest, and of at least `VISIBLE`. A law
-    that has no prescore goes with its class there. At most `EXACT` are chosen, those with the largest gains."""
+    of a class at a place where one of them has a gain of a share `PROMISING` of the largest, and of at least `VISIBLE`. A
+    law that has no prescore goes with its class there. At most `EXACT` are chosen, those with the largest gains."""
     joined = {_machine(c, as_one) for c in near}
     left_out, apart = dict[str, str](), dict[object, Candidate]()
     for candidate in distant:
@@ -150,11 +150,10 @@ class Adjoint:
 def prescores(base: Base, candidates: Sequence[Candidate]) -> tuple[list[Prescore], list[Candidate]]:
     """The prescores of candidates that attach across two nodes, at the choices of their shapes that an exact score takes;
     and the candidates that have none. HeavebondError where the base model has no linear model."""
-    vectors = _vectors(base)
+    ends = np.cumsum([int(run.counts.sum()) for run in base.problem.runs])
+    parts = np.split(_vectors(base), ends[:-1], axis=1)
     with tempfile.TemporaryDirectory() as folder:
-        adjoints = [_adjoint(base, run, part, Path(folder)) for run, part in zip(
-            base.problem.runs, np.split(vectors, np.cumsum([int(run.counts.sum()) for run in base.problem.runs])[:-1], axis=1),
-            strict=True)]
+        adjoints = [_adjoint(base, run, part, Path(folder)) for run, part in zip(base.problem.runs, parts, strict=True)]
     library, values = base.problem.experiment.model.library, base.problem.runs[0].assembly.parameter_values
     media = {leaf.component.name: leaf.path for leaf in base.problem.runs[0].assembly.flat.expanded.leaves.values()}
     laws: dict[str, StaticLaw | None] = {}
