@@ -12,7 +12,7 @@ from heavebond.core.threads import single_threaded
 from heavebond.diagnosis.answer.confirm import at_fit, confirmed, first_entries, loaded
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.fixed_values import fixed_values
-from heavebond.diagnosis.candidates.places import candidates
+from heavebond.diagnosis.candidates.places import between_all_nodes, candidates
 from heavebond.diagnosis.search.step import single
 from heavebond.diagnosis.search.stepwise import SelectedEffect
 from heavebond.diagnosis.state import AddedEffect, LadderEntry
@@ -50,7 +50,7 @@ def attempt(experiment: ExperimentOrFile, component: str, places: Sequence[str] 
     experiment = loaded(experiment)
     say = progress or (lambda text: None)
     values = [c for c in fixed_values(experiment) if c.name == component]
-    chosen = _named([*candidates(experiment), *values], component, places)
+    chosen = _named([*candidates(experiment), *between_all_nodes(experiment), *values], component, places)
     base = fit(experiment, progress=say) if experiment.free else None
     rungs = first_entries(experiment, base)
     made = single(at_fit(experiment, base), chosen, say)

@@ -23,16 +23,18 @@ from heavebond.language.symbols import stack
 
 @dataclass(frozen=True)
 class Node:
-    """A node of a power domain: its name, and the ports (full paths) on it."""
+    """A node of a power domain: its name, the ports (full paths) on it, and which of its through variables a virtual source
+    sets, where there are several."""
 
     name: str
     domain: Domain
     ports: tuple[str, ...]
+    member: int = 0
 
     @property
     def through(self) -> str:
         """The through variable that a virtual source sets: force, torque, volume flow, mass flow."""
-        return self.domain.through[0]
+        return self.domain.through[self.member]
 
     @property
     def across(self) -> str:
@@ -84,9 +86,15 @@ class Place:
         return {self.nodes[0].name: first, self.nodes[1].name: -first}
 
 
-def nodes_of(flat: Flat) -> dict[str, Node]:
-    """The nodes of a flat model by name, in the order of the diagram; signals are left out, and nodes with several efforts,
-    of which a virtual source would set one only."""
+def sources_of(flat: Flat) -> dict[str, Node]:
+    """All through variables of all nodes of a flat model by name (`crown.f`), each as the node whose source sets it."""
+    return {f"{node.name}.{through}": replace(node, member=k) for node in nodes_of(flat, several_efforts=True).values()
+            for k, through in enumerate(node.domain.through)}
+
+
+def nodes_of(flat: Flat, several_efforts: bool = False) -> dict[str, Node]:
+    """The nodes of a flat model by name, in the order of the diagram; signals are left out, and without `several_efforts`
+    nodes with several efforts, of which a virtual source would set one only."""
     domains = sorted(flat.expanded.model.library.domains.values(), key=lambda d: -len(d.across))
     balances = {e.subject for e in flat.equations if e.role is EquationRole.BALANCE}
     aliases: dict[int, list[str]] = {}
@@ -96,7 +104,7 @@ def nodes_of(flat: Flat) -> dict[str, Node]:
     for path in flat.expanded.junctions:
         domain = next((d for d in domains if all(f"{path}.{m}" in flat.names for m in d.across)
                        and f"{path}.{d.through[0]}" in balances), None)
-        if domain is None or len(domain.efforts) > 1:
+        if domain is None or (len(domain.efforts) > 1 and not several_efforts):
             continue
         index = flat.names[f"{path}.{domain.across[0]}"]
         # inner nodes of a block that are joined to an outer one are that one
@@ -138,16 +146,16 @@ def places_of(flat: Flat, nodes: Mapping[str, Node]) -> list[Place]:
 
 def with_virtual_sources(flat: Flat, nodes: Mapping[str, Node], file: Path) -> Flat:
     """The flat model with a measured input `virtual.NODE` that enters each node, joined by lines between the rows of
-    `file` (columns `time` in s, then one per node by its name, in SI)."""
+    `file` (columns `time` in s, then one per node by its key in `nodes`, in SI)."""
     row_of = {e.subject: k for k, e in enumerate(flat.equations) if e.role is EquationRole.BALANCE}
     residuals, inputs = list(flat.residuals), list(flat.inputs)
-    for node in nodes.values():
+    for key, node in nodes.items():
         row = row_of[f"{node.name}.{node.through}"]
         place = flat.equations[row].place
-        name = f"virtual.{node.name}"
+        name = f"virtual.{key}"
         symbols = ca.vertcat(*(ca.SX.sym("d" * k + name) for k in range(4)))
         # its file has the times of the samples: where these have a gap, the estimate is joined across it
-        source = FileInput(file, node.name, node.unit.text, "linear", place, "time", bridge=True)
+        source = FileInput(file, key, node.unit.text, "linear", place, "time", bridge=True)
         inputs.append(KnownInput(name, source, node.unit, symbols))
         # what flows into the components sums to what the source delivers
         residuals[row] = residuals[row] - symbols[0]

@@ -12,7 +12,7 @@ matrices of its middle, the solution is exact: dx(t + h) = exp(A h) dx(t) + G (A
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from heavebond.core.quoting import file_stem
 from heavebond.core.units import Unit, read_unit
 from heavebond.equations.buffered import Buffered
-from heavebond.equations.flatten import flatten
-from heavebond.equations.places import nodes_of, places_of, with_virtual_sources
+from heavebond.equations.flatten import Flat, flatten
+from heavebond.equations.places import Node, nodes_of, places_of, with_virtual_sources
 from heavebond.equations.reduce import reduce
 from heavebond.estimation.comparison import simulate_over
 from heavebond.estimation.experiment import Experiment, Free, Record
@@ -126,9 +126,11 @@ class LtvModel:
 
 
 class SourcedRecord:
-    """One record and its machine with a virtual source on every node, to be linearised about several runs."""
+    """One record and its machine with a virtual source on every node (or with all `sources` of its flat model), to be
+    linearised about several runs."""
 
-    def __init__(self, experiment: Experiment, record: Record, folder: Path):
+    def __init__(self, experiment: Experiment, record: Record, folder: Path,
+                 sources: Callable[[Flat], dict[str, Node]] = nodes_of):
         self.experiment, self.record = experiment, record
         found = measure(experiment, record)
         self.time = found.grid
@@ -142,7 +144,7 @@ class SourcedRecord:
         wanted = {n.text for o in outputs for n in names_in(o.shown.expr)}
         wanted |= {name.removeprefix("initial.") for name in experiment.free if name.startswith("initial.")}
         flat = flatten(experiment.model_for(record), wanted)
-        self.nodes = nodes_of(flat)
+        self.nodes = sources(flat)
         self.places = places_of(flat, self.nodes)
         self.file = folder / f"{file_stem(record.name)}.csv"
         self._write(np.zeros((len(self.time), len(self.nodes))))
@@ -224,8 +226,8 @@ class _Jacobians:
     def at(self, result: Result, samples: NDArray[np.int64], along: Array) -> tuple[Array, ...]:
         """A with A_q, B, y, C with C_q, D, the local signals and theirs, at some samples of a run."""
         given = [np.ascontiguousarray(part[:, samples]) for part in columns(result)]
-        rows = _mapped(self._values, given)[:, 0].T
-        whole = self._without_algebraic(np.ascontiguousarray(_mapped(self._along, given, along).transpose(2, 0, 1)))
+        rows = mapped(self._values, given)[:, 0].T
+        whole = self._without_algebraic(np.ascontiguousarray(mapped(self._along, given, along).transpose(2, 0, 1)))
         n, outputs = self.n, self.n + self.z + self.outputs
         scale = np.concatenate([self.nominal, np.ones(self.k)])
         inner = whole[:, :, :n + self.k] * scale
@@ -243,7 +245,7 @@ class _Jacobians:
         return np.asarray(rest - whole[:, :, n:n + z] @ follows)
 
 
-def _mapped(function: Buffered, given: Sequence[Array], *same: Array) -> Array:
+def mapped(function: Buffered, given: Sequence[Array], *same: Array) -> Array:
     """The values (rows, columns, N) of a function of `AT_ONCE` points at N points, whose arguments (n, N) are `given`, and
     those that are the `same` everywhere behind them."""
     count, found, repeated = given[0].shape[1], [], [np.tile(part, (1, AT_ONCE)) for part in same]

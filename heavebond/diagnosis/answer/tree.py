@@ -194,7 +194,8 @@ def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, loca
 
 def _leaves(step: Stage, events: Sequence[Event], library: Library) -> list[_Leaf]:
     """The effects of the catalogue with their probabilities, each class at a place divided among its laws."""
-    candidates = {found.candidate.label: found.candidate for found in (*step.scores, *step.trials)}
+    known = [*(s.candidate for s in step.scores), *(t.candidate for t in step.trials)]
+    candidates = {c.label: c for c in known}
     trials = {t.candidate.label: t for t in step.trials if t.errors is not None}
     found = []
     for event in events:

@@ -8,7 +8,8 @@ part like the bundled ones.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, count
 from math import sqrt
@@ -28,6 +29,8 @@ from heavebond.language.lists import written_out
 from heavebond.numerics.dae import Assembly
 from heavebond.text.expression import parse_formula
 from heavebond.text.shapes import whole_number
+
+ALL_PAIRS = 40  # nodes of a domain up to which all pairs of them are places of effects
 
 
 @dataclass(frozen=True)
@@ -137,6 +140,9 @@ class Site:
         """The nodes of a domain but the grounds."""
         grounds = self.grounds(domain)
         return [group for group in self.nodes.get(domain, []) if group.name not in grounds]
+
+
+Pairs = Callable[[Site, str], Iterator[tuple[Group, Group | None, str]]]  # of the nodes of a domain
 
 
 def site_of(experiment: Experiment) -> Site:
@@ -252,12 +258,26 @@ def snake(name: str) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
 
 
-def _across(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]:
+def distant_candidates(site: Site, labels: Container[str] | None = None) -> list[Candidate]:
+    """All effects that attach across two nodes, at the pairs of nodes that no component joins (see `_distant_pairs`); with
+    `labels` those alone."""
+    return [candidate for component in site.experiment.model.library.effects()
+            if component.effect is not None and "across" in component.effect.attaches
+            for candidate in _across(site, component, component.effect, _distant_pairs, labels)]
+
+
+def _across(site: Site, component: Component, effect: Effect, pairs: Pairs | None = None,
+            labels: Container[str] | None = None) -> Iterator[Candidate]:
+    """The effect between all `pairs` of nodes (None: those that a component joins), or at the places of these `labels`."""
     ports = [p for p in component.ports.values() if p.name not in effect.also]
     domains = [ports[0].domain] if not ports[0].domain.startswith("$") else list(site.nodes)
     for domain in domains:
-        for first, second, ground in _pairs(site, domain):
+        for first, second, ground in (pairs or _pairs)(site, domain):
+            far = second.name if second is not None else "the surroundings"
             for also in _further(site, effect):
+                place = f"between {first.name} and {far}" + "".join(f", pressed by {node}" for node in also.values())
+                if labels is not None and f"{component.name} {place}" not in labels:
+                    continue
                 name = fresh(site, snake(component.name))
                 numbers = _numbers(component, effect, name)
                 ends: dict[str, tuple[str, ...]] = {first.name: (f"+{name}.{ports[0].name}",)}
@@ -270,10 +290,7 @@ def _across(site: Site, component: Component, effect: Effect) -> Iterator[Candid
                     ends[second.name] = (*ends.get(second.name, ()), f"+{name}.{ports[1].name}")
                 for port, node in also.items():
                     ends[node] = (*ends.get(node, ()), f"+{name}.{port}")
-                far = second.name if second is not None else "the surroundings"
-                seen = "".join(f", pressed by {node}" for node in also.values())
-                yield Candidate(name, component.name, effect.kind, effect.description,
-                                f"between {first.name} and {far}{seen}",
+                yield Candidate(name, component.name, effect.kind, effect.description, place,
                                 (first.name, *([second.name] if second is not None else [])),
                                 Change(parts, ends, initial=_settled(component, effect, name)), numbers, "across",
                                 _full(component, name))
@@ -284,21 +301,49 @@ def _pairs(site: Site, domain: str) -> Iterator[tuple[Group, Group | None, str]]
     stands for them in the domain (`reference:`), else one that is added."""
     grounds = site.grounds(domain)
     seen: set[frozenset[str]] = set()
-
-    def key(*groups: Group) -> frozenset[str]:
-        return frozenset("" if g.name in grounds else g.name for g in groups)
-
-    for leaf in site.expanded.leaves.values():
-        groups = {g.name: g for g in (site.group(f"{leaf.path}.{p}") for p in leaf.component.ports
-                                      if leaf.component.ports[p].count is None) if g.domain == domain}
-        for first, second in combinations(groups.values(), 2):
-            if key(first, second) not in seen and len(key(first, second)) == 2:
-                seen.add(key(first, second))
-                yield first, second, ""
+    for first, second in _joined_pairs(site, domain):
+        key = frozenset("" if g.name in grounds else g.name for g in (first, second))
+        if key not in seen and len(key) == 2:
+            seen.add(key)
+            yield first, second, ""
     reference = site.experiment.model.library.domains[domain].reference
     for node in site.moving(domain) if reference else []:
         if frozenset((node.name, "")) not in seen:
             yield node, next(iter(grounds.values()), None), reference or ""
+
+
+def _joined_pairs(site: Site, domain: str) -> Iterator[tuple[Group, Group]]:
+    """The pairs of nodes on which one component has ports."""
+    for leaf in site.expanded.leaves.values():
+        groups = {g.name: g for g in (site.group(f"{leaf.path}.{p}") for p in leaf.component.ports
+                                      if leaf.component.ports[p].count is None) if g.domain == domain}
+        yield from combinations(groups.values(), 2)
+
+
+def _distant_pairs(site: Site, domain: str) -> Iterator[tuple[Group, Group, str]]:
+    """The pairs of nodes that no component joins, in the order of their distance in the graph of the domain, that is the
+    number of components between them; nodes that are not connected come last, in the order of the diagram. A domain of more
+    than `ALL_PAIRS` nodes has as many pairs at most as one of `ALL_PAIRS` nodes has. Pairs with the surroundings are left
+    out: `_pairs` has them all."""
+    nodes = {group.name: group for group in site.moving(domain)}
+    neighbours: dict[str, list[str]] = {name: [] for name in nodes}
+    for first, second in _joined_pairs(site, domain):
+        if first.name in nodes and second.name in nodes:
+            neighbours[first.name].append(second.name)
+            neighbours[second.name].append(first.name)
+    found = []
+    for k, start in enumerate(nodes):
+        distance, reached = {start: 0}, deque([start])
+        while reached:
+            name = reached.popleft()
+            for other in neighbours[name]:
+                if other not in distance:
+                    distance[other] = distance[name] + 1
+                    reached.append(other)
+        found += [(distance.get(other, len(nodes)), start, other) for other in list(nodes)[k + 1:]]
+    apart = sorted((pair for pair in found if pair[0] > 1), key=lambda pair: pair[0])
+    most = ALL_PAIRS * (ALL_PAIRS - 1) // 2
+    yield from ((nodes[first], nodes[second], "") for _, first, second in apart[:most])
 
 
 def _further(site: Site, effect: Effect) -> Iterator[dict[str, str]]:

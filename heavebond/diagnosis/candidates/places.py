@@ -14,10 +14,18 @@ numbers at the further places are formulas of those at the first, so that as man
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from heavebond.diagnosis.candidates.catalogue import Candidate, Site, fresh, single_candidates, site_of, snake
+from heavebond.diagnosis.candidates.catalogue import (
+    Candidate,
+    Site,
+    distant_candidates,
+    fresh,
+    single_candidates,
+    site_of,
+    snake,
+)
 from heavebond.equations.expanded import Leaf
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_experiment
 from heavebond.language.definition import Component, Value
@@ -106,10 +114,16 @@ def candidates(experiment: ExperimentOrFile) -> list[Candidate]:
     return _at_all_places(site_of(load_experiment(experiment)))
 
 
-def named_apart(experiment: Experiment) -> list[Candidate]:
-    """The same, each candidate at a single place with names for its parts that no other one has, so that several can be put
-    into the diagram together."""
-    return _at_all_places(replace(site_of(experiment), apart=True))
+def between_all_nodes(experiment: ExperimentOrFile) -> list[Candidate]:
+    """All effects that attach across two nodes, at all pairs of nodes of one domain that no component joins."""
+    return distant_candidates(site_of(load_experiment(experiment)))
+
+
+def named_apart(experiment: Experiment, labels: Container[str] = frozenset()) -> list[Candidate]:
+    """All of `candidates`, and of `between_all_nodes` those with these `labels`, each candidate at a single place with names
+    for its parts that no other one has, so that several can be put into the diagram together."""
+    site = replace(site_of(experiment), apart=True)
+    return [*_at_all_places(site), *distant_candidates(site, labels)]
 
 
 def _at_all_places(site: Site) -> list[Candidate]:

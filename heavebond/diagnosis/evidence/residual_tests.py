@@ -1,7 +1,8 @@
 """Is what a fitted model leaves noise, or is something missing? Three tests, together wrong 2 times in 100 where nothing is.
 
 * score: the largest z of all candidates (see `search.scoring`) against what the largest of as many, correlated as
-  these are, would be by chance;
+  these are, would be by chance. Candidates that were chosen by their prescores (see `search.prescore`) count as all that
+  were prescored: the chances of the two sets, each by its own correlation, are added (Boole's inequality);
 * size: chi-square of all samples against its distribution, where the noise is given (an estimate is no yardstick for it);
 * memory: the Ljung-Box test of each channel, the smallest p value times the number of channels (Bonferroni).
 
@@ -18,9 +19,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.search.base_model import Base
+from heavebond.diagnosis.search.prescore import Prescore
 from heavebond.diagnosis.search.scoring import Score
 from heavebond.estimation.input_noise import NOTICEABLE
 from heavebond.estimation.residuals import Run
@@ -30,6 +33,7 @@ from heavebond.records import metrics
 # Shares of the 2 % of false alarms; they add up to it.
 LEVELS = {"score": 0.01, "size": 0.005, "memory": 0.005}
 DRAWS = 20_000  # of the largest chance score: p values down to a few in ten thousand
+DISTINCT = 0.99  # cosine above which two prescored directions count as one
 LAGS = 20
 SIGMAS = 3.0  # standard deviations of that figure on held-out data, up to which what is left is noise
 
@@ -55,11 +59,12 @@ class ResidualTests:
         return self.significant and not any(getattr(self, name) < LEVELS[name] for name in ("size", "memory"))
 
 
-def leftover(base: Base, scores: Sequence[Score]) -> ResidualTests:
-    """The tests on what the base model leaves of the fitted samples."""
+def leftover(base: Base, scores: Sequence[Score], prescored: Sequence[Prescore] = ()) -> ResidualTests:
+    """The tests on what the base model leaves of the fitted samples. Of the `scores` those of candidates that are among the
+    `prescored` were chosen for what they promise."""
     told = [s for s in scores if s.told_apart]
     errors = np.hstack([run.input_errors for run in base.problem.runs])
-    p_score, z = _largest(told, errors)
+    p_score, z = _largest(told, errors, prescored)
     memory = 1.0 if _noticeable(errors) else _memory(base)
     return ResidualTests(p_score, _size(base, errors) if base.problem.experiment.noise_given else 1.0, memory, z)
 
@@ -80,22 +85,46 @@ def is_above_noise(chi2: float, samples: int) -> bool:
     return samples > 0 and chi2 > 1 + SIGMAS * (2 / samples) ** 0.5
 
 
-def _largest(scores: Sequence[Score], errors: Array) -> tuple[float, float]:
-    """The chance that the largest of the scores, correlated as their directions and the residual are, is as large."""
+def _largest(scores: Sequence[Score], errors: Array, prescored: Sequence[Prescore] = ()) -> tuple[float, float]:
+    """The chance that the largest of the scores, correlated as their directions and the residual are, is as large, where
+    those that are `prescored` count as all prescored ones; and the largest."""
     if not scores:
         return 1.0, 0.0
-    directions = np.array([s.direction for s in scores])
     signed = np.array([s.signed for s in scores])
-    z = np.array([s.z for s in scores])
-    covariance = _covariance(directions, errors)
+    covariance = _covariance(np.array([s.direction for s in scores]), errors)
     deviation = np.sqrt(np.diag(covariance))
-    z = z / deviation
+    z = np.array([s.z for s in scores]) / deviation
     observed = float(np.max(np.where(signed, np.abs(z), z)))
-    values, vectors = np.linalg.eigh(covariance / deviation[:, None] / deviation)
+    distant = {p.candidate.label for p in prescored}
+    own = [k for k, s in enumerate(scores) if s.candidate.label not in distant]
+    correlation = covariance / deviation[:, None] / deviation
+    chance = _chance(correlation[np.ix_(own, own)], signed[own], observed) if own else 0.0
+    if prescored:
+        sketches = np.array([p.sketch / np.linalg.norm(p.sketch) for p in prescored])
+        apart = _distinct(sketches)  # of opposite directions both count, as one may be allowed in one of them only
+        chance += _chance(sketches[apart] @ sketches[apart].T, np.array([prescored[k].signed for k in apart]), observed)
+    return min(chance, 1.0), observed
+
+
+def _distinct(directions: Array) -> list[int]:
+    """The first of all directions (k, n) that differ by no more than a cosine of `DISTINCT`: the largest of thousands is
+    drawn by those alone. One that is left out exceeds them in its projections by less than sqrt(1 - DISTINCT**2) normal
+    deviations."""
+    found: list[int] = []
+    for k, direction in enumerate(directions):
+        if not found or float(np.max(directions[found] @ direction)) < DISTINCT:
+            found.append(k)
+    return found
+
+
+def _chance(correlation: Array, signed: NDArray[np.bool_], observed: float) -> float:
+    """The chance that the largest of normal numbers with this correlation, of the signed ones the largest magnitude, is as
+    large."""
+    values, vectors = np.linalg.eigh(correlation)
     root = vectors * np.sqrt(np.maximum(values, 0))
-    draws = np.random.default_rng(0).standard_normal((DRAWS, len(scores))) @ root.T
+    draws = np.random.default_rng(0).standard_normal((DRAWS, len(signed))) @ root.T
     largest = np.max(np.where(signed, np.abs(draws), draws), axis=1)
-    return float((np.sum(largest >= observed) + 1) / (DRAWS + 1)), observed
+    return float((np.sum(largest >= observed) + 1) / (DRAWS + 1))
 
 
 def _covariance(directions: Array, errors: Array) -> Array:

@@ -367,11 +367,17 @@ def _scored(base: Base, candidate: Candidate, shapes: Mapping[str, float], s: Ar
 
 
 def shape_points(candidate: Candidate, runs: Sequence[Run], base: Base) -> list[dict[str, float]]:
+    """Choices of the shape parameters (see `points_within`) by the motion in these runs."""
+    return points_within(candidate, motion_ranges(candidate.numbers, runs, base))
+
+
+def points_within(candidate: Candidate, motions: Mapping[str, tuple[float, float]]) -> list[dict[str, float]]:
     """Choices of the shape parameters: points along the diagonal of their ranges, in logarithms above zero. Where the motion
-    alone leaves no range (a limit above zero of what moves below zero only), that of a refit."""
-    ranges = shape_ranges(candidate, runs, base)
+    alone leaves no range (a limit above zero of what moves below zero only), that of a refit. `motions` as from
+    `motion_ranges`."""
+    ranges = _ranges_within(candidate, motions, 0.0)
     if any(n.sought is not None and n.name not in ranges for n in candidate.numbers):
-        ranges = {**shape_ranges(candidate, runs, base, BEYOND), **ranges}
+        ranges = {**_ranges_within(candidate, motions, BEYOND), **ranges}
     if not ranges:
         return [{}]
     found = []
@@ -395,8 +401,12 @@ def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base, beyond: 
                  ) -> dict[str, tuple[float, float]]:
     """Where each shape is sought; `seen s` by the motion of s in the base model, and a share `beyond` of its span
     further."""
+    return _ranges_within(candidate, motion_ranges(candidate.numbers, runs, base), beyond)
+
+
+def _ranges_within(candidate: Candidate, seen: Mapping[str, tuple[float, float]], beyond: float
+                   ) -> dict[str, tuple[float, float]]:
     found = {}
-    seen = motion_ranges(candidate.numbers, runs, base)
     for number in candidate.numbers:
         if number.sought is None:
             continue

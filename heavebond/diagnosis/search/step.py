@@ -18,7 +18,7 @@ from heavebond.core.errors import SimulationError
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.candidates.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.candidates.fixed_values import fixed_values, is_calibration_error
-from heavebond.diagnosis.candidates.places import Places, candidates
+from heavebond.diagnosis.candidates.places import Places, between_all_nodes, candidates
 from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.evidence.comparison import (
     ALL,
@@ -40,6 +40,7 @@ from heavebond.diagnosis.evidence.prediction import (
 )
 from heavebond.diagnosis.evidence.residual_tests import ResidualTests, is_above_noise, is_noise, leftover
 from heavebond.diagnosis.search.base_model import TIMES, Base, finer, searched
+from heavebond.diagnosis.search.prescore import select
 from heavebond.diagnosis.search.refit import Refit, bic, refitted_from
 from heavebond.diagnosis.search.schedule import RefitSchedule, beyond_their_members, planned
 from heavebond.diagnosis.search.scoring import Score
@@ -71,7 +72,9 @@ class Stage:
     numbers of the diagram of which candidates are another value, by their labels. `errors` are the predictive errors without
     any candidate, `identity` the comparison of the candidates with the chosen one. `planned` is the number of candidates
     that were to be scored, `as_one` are the nodes that move as one in the base model, each with the first of them; `failed`
-    are the labels of candidates that were scored, but with which no refit could be simulated."""
+    are the labels of candidates that were scored, but with which no refit could be simulated. `prescored` is the number of
+    candidates between nodes that no component joins, `left_out` are the labels of those of them that got no exact score,
+    each with the reason (see `search.prescore`)."""
 
     experiment: Experiment
     values: dict[str, float]
@@ -98,6 +101,8 @@ class Stage:
     planned: int = 0
     as_one: Mapping[str, str] = field(default_factory=dict)
     failed: tuple[str, ...] = ()
+    prescored: int = 0
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def bic(self) -> float:
@@ -126,7 +131,8 @@ def make_stage(experiment: Experiment, *, number: int | None = None, seconds: fl
     """One rung of the ladder. `classes` narrows the catalogue to candidates of these classes. A `thorough` search refits all
     others too where none of those with the largest scores comes near the noise."""
     found = [c for c in candidates(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
-    return _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough)
+    distant = [c for c in between_all_nodes(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
+    return _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough, distant=distant)
 
 
 def make_curve_stage(experiment: Experiment, *, beside: Candidate | None = None,
@@ -162,7 +168,9 @@ def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> 
 
 
 def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None, seconds: float, say: Progress,
-          always: bool = False, thorough: bool = False, beside: Refit | None = None, most: int | None = None) -> Stage:
+          always: bool = False, thorough: bool = False, beside: Refit | None = None, most: int | None = None,
+          distant: Sequence[Candidate] = ()) -> Stage:
+    """`distant` are candidates of which those get an exact score whose prescore promises it."""
     began = clock.perf_counter()
     say("fitting what is free")
     base = fitted_base(experiment)
@@ -170,6 +178,10 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     courses = _courses(base)
     as_one = _as_one(courses)
     found = [c for c in found if always or _says_more(c, base, courses)]
+    if distant:
+        say("scoring effects between all nodes to first order")
+    prescored = select(base, found, [c for c in distant if _says_more(c, base, courses)], as_one)
+    found += prescored.selected
     scores: list[Score] = []
     acts_as: dict[str, tuple[str, ...]] = {}
     partial, scored_all, twins, known = False, False, dict[str, tuple[str, ...]](), set[str]()
@@ -185,7 +197,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             scores.sort(key=lambda s: place[s.candidate.label])
             known = {s.candidate.label for s in scores}
             scores = beyond_their_members(scores)
-            left = leftover(base, scores)
+            left = leftover(base, scores, prescored.scores)
             if left.significant or always:
                 acts_as = {} if beside is not None or most is not None else equivalent_values(base, scores)
                 leading, rest, twins = planned(scores, as_one)
@@ -201,12 +213,12 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
                     twins = {label: group for label, group in same.items() if group}
         except KeyboardInterrupt:
             clear_signal()
-            partial, left, twins = True, leftover(base, scores), {}
+            partial, left, twins = True, leftover(base, scores, prescored.scores), {}
     trials = list(refits.trials.values())
     made = _judged(base, errors, left, scores, trials, twins, partial, clock.perf_counter() - began, as_one)
     broken = tuple(c.label for c in found if c.label not in known and c.label not in workers.lost) if scored_all else ()
     return replace(made, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as, planned=len(found), broken=broken,
-                   failed=tuple(refits.failed))
+                   failed=tuple(refits.failed), prescored=len(distant), left_out=prescored.left_out)
 
 
 def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]], most: int

@@ -41,7 +41,7 @@ from heavebond.core.errors import HeavebondError
 from heavebond.core.presentation import number
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber, called
-from heavebond.diagnosis.candidates.places import Places, candidates
+from heavebond.diagnosis.candidates.places import Places, between_all_nodes, candidates
 from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.evidence.comparison import ALL, leaves_noise, loss
 from heavebond.diagnosis.evidence.residual_tests import is_noise
@@ -437,7 +437,7 @@ def _continued(found: Selection, way: Selection, k: int, say: Progress) -> Selec
         beside: frozenset[str] | None = frozenset()
         if step is None or not any(_is(t.candidate, wanted, gone) for t in step.trials):
             now = following(found[-1].step) if found else way[0].step.experiment
-            there = next((c for c in candidates(now) if _is(c, wanted, gone)), None)
+            there = next((c for rule in (candidates, between_all_nodes) for c in rule(now) if _is(c, wanted, gone)), None)
             if there is None:
                 return None
             step, beside = single(now, there, say), None

@@ -187,7 +187,8 @@ class Workers:
         """The diagrams that candidates share, those of the catalogue with names of their own for their parts."""
         experiment = self.base.problem.experiment
         adding = any(c.change.components for c in candidates)
-        apart = {c.label: c for c in named_apart(experiment)} if adding else {}
+        labels = {c.label for c in candidates if c.attaches == "across"}
+        apart = {c.label: c for c in named_apart(experiment, labels)} if adding else {}
         return shared_diagrams(experiment.model.library, [apart.get(c.label, c) for c in candidates])
 
     def begin(self, jobs: Sequence[tuple[Candidate, Sequence[Score]]], least: float = 0.0, until: float = float("inf")

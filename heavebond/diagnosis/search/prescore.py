@@ -1,0 +1,346 @@
+"""Scores of thousands of laws between two nodes from a few adjoint runs, to first order along the base model.
+
+A law between two nodes adds through variables w(t) there (forces, flows, heat flows). In the linear time-varying model
+along the run of a record (see `localise.ltv_model`), with dy the deviation of the channels over their noise,
+
+    dx' = A dx + B w,     dy = C dx + D w,
+
+the derivative of v'dy to w at every node and sample is lambda(v), from one backward recursion for any vector v (n,):
+
+    mu_k = C_k'v_k + phi_k'mu_{k+1},     lambda_k = D_k'v_k + (gamma_{k-1}'mu_k + gamma_k'mu_{k+1}) / 2.
+
+With s (n,) the derivative of the residuals to the amplitude of a law, s'v is the sum over its ports and the samples of
+lambda(v) times w of unit amplitude, which the equations of the component give from the across variables of the base run.
+The score (see `search.scoring`) is z = -s_o'r / |s_o| with s_o = Q s, Q symmetric. So s_o'r = s'(Q r) is exact to first
+order, and with v_k (n,) of independent standard normal numbers
+
+    |s_o|**2 = E (s_o'v)**2 = mean over k of (s'(Q v_k))**2.
+
+With `SKETCH` vectors |s_o| has a relative standard deviation of 1/sqrt(2 * SKETCH), 6 %. The same numbers are coordinates of
+s_o in which the cosine of two directions is kept to about 1/sqrt(SKETCH) (W. B. Johnson, J. Lindenstrauss, 1984).
+
+A law has no prescore if its equations do not give its through variables by formulas of the across variables: a law with
+states, or an implicit one. What an effect changes at the start of a record, as the equilibrium from which a machine begins,
+is not in s.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import HeavebondError
+from heavebond.core.units import Dimension
+from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber
+from heavebond.diagnosis.search.base_model import Base
+from heavebond.diagnosis.search.scoring import SAME, may_be_below_neutral, points_within
+from heavebond.equations.buffered import Buffered
+from heavebond.equations.places import sources_of
+from heavebond.estimation.residuals import Run
+from heavebond.language.definition import Component, Parameter, Value
+from heavebond.language.library import Library
+from heavebond.language.symbols import Context, evaluate
+from heavebond.localise.ltv_model import AT_ONCE, LtvModel, SourcedRecord, known_of, mapped
+from heavebond.numerics.dae import Array
+from heavebond.text.expression import Expr, ExpressionProblem, Name
+
+SKETCH, RAW = 128, 8  # random vectors for |s_o|, and for |s|, of which only the order of magnitude is needed
+EXACT = 200  # candidates at distant nodes that get an exact score, at most; one takes about as long as a run of the records
+PROMISING = 0.1  # as in `search.schedule`: what promises less is not refitted among the first
+VISIBLE = 4.0  # the smallest gain, that of two standard deviations: what promises less is no evidence
+RIGID = "its nodes move as one"
+SAME_MACHINE = "the same law at nodes that move with these is a candidate"
+SMALL = "its prescore is small beside others"
+NO_PRESCORE = "its law has no prescore, and other laws of its class there have a small one"
+UNSEEN = "the free parameters act alike, or it does nothing"
+NO_LINEAR_MODEL = "the model has no linear model along its run"
+
+
+@dataclass(frozen=True)
+class Prescore:
+    """A candidate at one choice of its shapes: z to first order of the amplitudes `along`, whether they may have either
+    sign, the estimated share |s_o|/|s|, and `sketch` (K,), coordinates of s_o over its length for the covariance that the
+    residual of a right model has (see `evidence.residual_tests`)."""
+
+    candidate: Candidate
+    shapes: Mapping[str, float]
+    z: float
+    signed: bool
+    share: float
+    sketch: Array
+    along: tuple[str, ...]
+
+    @property
+    def gain(self) -> float:
+        """How much chi-square it would take away, to first order."""
+        return self.z**2 if self.z > 0 or self.signed else 0.0
+
+
+@dataclass(frozen=True)
+class Prescored:
+    """The candidates at distant nodes that get an exact score, the prescores of all of them, and the labels of those that
+    get none, each with the reason."""
+
+    selected: tuple[Candidate, ...] = ()
+    scores: tuple[Prescore, ...] = ()
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+
+def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], as_one: Mapping[str, str]) -> Prescored:
+    """Choose the candidates at distant nodes that may matter beside those at nodes that a component joins (`near`): all laws
+    of a class at a place where one of them has a gain of a share `PROMISING` of the largest, and of at least `VISIBLE`. A
+    law that has no prescore goes with its class there. At most `EXACT` are chosen, those with the largest gains."""
+    joined = {_machine(c, as_one) for c in near}
+    left_out, apart = dict[str, str](), dict[object, Candidate]()
+    for candidate in distant:
+        key = _machine(candidate, as_one)
+        if len(key[1]) < len(set(candidate.change.nodes)):
+            left_out[candidate.label] = RIGID
+        elif key in joined or key in apart:
+            left_out[candidate.label] = SAME_MACHINE
+        else:
+            apart[key] = candidate
+    distant = list(apart.values())
+    if not distant:
+        return Prescored(left_out=left_out)
+    across = [c for c in near if c.attaches == "across" and not c.members]
+    try:
+        scores, without = prescores(base, [*across, *distant])
+    except HeavebondError:
+        return Prescored(left_out={**left_out, **{c.label: NO_LINEAR_MODEL for c in distant}})
+    labels = {c.label for c in distant}
+    least = max(VISIBLE, PROMISING * max((p.gain for p in scores if p.share > SAME), default=0.0))
+    scores = [p for p in scores if p.candidate.label in labels and p.share > SAME]
+    families: dict[object, float] = {}
+    for p in scores:
+        families[_family(p.candidate)] = max(p.gain, families.get(_family(p.candidate), 0.0))
+    hopeful = sorted((c for c in distant if families.get(_family(c), 0.0) >= least), key=lambda c: -families[_family(c)])
+    selected = {c.label for c in hopeful[:EXACT]}
+    known = {p.candidate.label for p in scores}
+    unknown = {c.label for c in without}
+    left_out |= {c.label: NO_PRESCORE if c.label in unknown else SMALL if c.label in known else UNSEEN
+                 for c in distant if c.label not in selected}
+    return Prescored(tuple(c for c in distant if c.label in selected), tuple(scores), left_out)
+
+
+def _family(candidate: Candidate) -> tuple[str, frozenset[str]]:
+    """Class and place."""
+    return candidate.kind, frozenset(candidate.where)
+
+
+def _machine(candidate: Candidate, as_one: Mapping[str, str]) -> tuple[str, frozenset[str]]:
+    """The law and its nodes, those that move as one by one name: the same for candidates that are one machine."""
+    return candidate.component, frozenset(as_one.get(node, node) for node in candidate.change.nodes)
+
+
+@dataclass(frozen=True)
+class Adjoint:
+    """One record: lambda (V, N) of all vectors at every source (`crown.f`), and the courses (N,) of the across variables and
+    positions of the nodes in the base run, in SI."""
+
+    gradients: Mapping[str, Array]
+    courses: Mapping[str, Array]
+
+
+def prescores(base: Base, candidates: Sequence[Candidate]) -> tuple[list[Prescore], list[Candidate]]:
+    """The prescores of candidates that attach across two nodes, at the choices of their shapes that an exact score takes;
+    and the candidates that have none. HeavebondError where the base model has no linear model."""
+    ends = np.cumsum([int(run.counts.sum()) for run in base.problem.runs])
+    parts = np.split(_vectors(base), ends[:-1], axis=1)
+    with tempfile.TemporaryDirectory() as folder:
+        adjoints = [_adjoint(base, run, part, Path(folder)) for run, part in zip(base.problem.runs, parts, strict=True)]
+    library, values = base.problem.experiment.model.library, base.problem.runs[0].assembly.parameter_values
+    media = {leaf.component.name: leaf.path for leaf in base.problem.runs[0].assembly.flat.expanded.leaves.values()}
+    laws: dict[str, StaticLaw | None] = {}
+    found, without = [], []
+    for candidate in candidates:
+        if candidate.component not in laws:
+            laws[candidate.component] = StaticLaw.of(library, library.component(candidate.component), media, values)
+        law = laws[candidate.component]
+        own = _of(candidate, law, adjoints) if law is not None else []
+        found += own
+        if not own:
+            without.append(candidate)
+    return found, without
+
+
+def _vectors(base: Base) -> Array:
+    """The vectors v (V, n): the residual and random ones without what the free parameters take of each, then random ones as
+    they are, then, where inputs have noise, random residuals of a right model without what the free parameters take."""
+    draw = np.random.default_rng(0)
+    n = len(base.r)
+    own = draw.standard_normal((SKETCH, n))
+    parts = [base.split(base.r)[0][None], np.array([base.split(v)[0] for v in own]), draw.standard_normal((RAW, n))]
+    errors = np.hstack([run.input_errors for run in base.problem.runs])
+    if len(errors):
+        left = np.sqrt(np.clip(1 - np.mean(errors**2, axis=0), 0.0, 1.0))
+        noisy = left * own + draw.standard_normal((SKETCH, len(errors))) @ errors / np.sqrt(len(errors))
+        parts.append(np.array([base.split(v)[0] for v in noisy]))
+    return np.concatenate(parts)
+
+
+def _adjoint(base: Base, run: Run, vectors: Array, folder: Path) -> Adjoint:
+    """The backward recursion of one record for all vectors (V, n of this record)."""
+    values = base.problem.values_of(base.inner, run.record.name)
+    experiment = base.problem.experiment
+    sourced = SourcedRecord(experiment, run.record, folder, sources_of)
+    known = [known_of(free, values[free.name]) for free in experiment.free.values()]
+    model = sourced.about({n: v for n, v in values.items() if n in sourced.assembly.parameter_values}, known)
+    weighted = np.zeros((len(vectors), *run.counts.shape))
+    # the linear model has its channels over one noise each
+    weighted[:, run.counts] = vectors * (sourced.noise[:, None] / run.noise)[run.counts]
+    gradients = backward(model, weighted)
+    local = dict(zip((s.name for s in sourced.locals), model.local.T, strict=True))
+    flat = sourced.assembly.flat
+    courses = {f"{node.name}.{member}": local[shared] for node in sourced.nodes.values()
+               for member in (*node.domain.across, *node.domain.positions)
+               if (index := flat.names.get(f"{node.name}.{member}")) is not None
+               and (shared := flat.unknowns[index].name) in local}
+    return Adjoint(dict(zip(sourced.nodes, gradients, strict=True)), courses)
+
+
+def backward(model: LtvModel, vectors: Array) -> Array:
+    """lambda (sources, V, N) of vectors (V, channels, N) in the channels of the model."""
+    phi, gamma = model.phi[:, :, :model.phi.shape[1]], model.gamma
+    c, d = model.c[:, :, :phi.shape[1]], model.d
+    count = len(model.time)
+    found = np.empty((count, len(vectors), gamma.shape[2]))
+    mu = np.zeros((len(vectors), phi.shape[1]))
+    for k in range(count - 1, -1, -1):
+        step = mu @ gamma[k] / 2 if k < count - 1 else 0.0
+        mu = vectors[:, :, k] @ c[k] + (mu @ phi[k] if k < count - 1 else 0.0)
+        found[k] = vectors[:, :, k] @ d[k] + step + (mu @ gamma[k - 1] / 2 if k else 0.0)
+    return np.ascontiguousarray(found.transpose(2, 1, 0))
+
+
+@dataclass(frozen=True)
+class StaticLaw:
+    """The through variables of a component as formulas of the across variables and positions at its ports. `tangents` maps
+    (courses, parameters) to the derivatives (through, groups) of them to the amplitudes, those of one unit together, and to
+    the variables `seen` by whose motion shapes are sought; `values` are those of the parameters but the effect's own."""
+
+    component: Component
+    given: tuple[str, ...]
+    through: tuple[str, ...]
+    seen: tuple[str, ...]
+    groups: int
+    tangents: Buffered
+    parameters: tuple[str, ...]
+    values: Mapping[str, float]
+
+    @classmethod
+    def of(cls, library: Library, component: Component, media: Mapping[str, str], values: Mapping[str, float]
+           ) -> StaticLaw | None:
+        """None where the equations are no formulas, or a parameter has no value. `media` are the parts of a diagram by their
+        components, `values` its parameters."""
+        effect = component.effect
+        if effect is None or component.composite or component.when or component.signals:
+            return None
+        domains = {port.name: library.domains.get(port.domain) for port in component.ports.values()}
+        formulas = {line.tree.left.text: line.tree.right for line in component.equations
+                    if isinstance(line.tree.left, Name) and line.each is None}
+        if len(formulas) < len(component.equations) or None in domains.values():
+            return None
+        given = {f"{port}.{m}": ca.SX.sym(m) for port, domain in domains.items() if domain is not None
+                 for m in (*domain.across, *domain.positions)}
+        parameters = {name: ca.SX.sym(name) for name in component.parameters}
+        through = tuple(f"{port}.{m}" for port, domain in domains.items() if domain is not None for m in domain.through)
+        seen = tuple(dict.fromkeys(s.seen for s in effect.shapes.values() if s.seen))
+        groups: dict[Dimension, list[ca.SX]] = {}
+        for name in effect.amplitude:
+            groups.setdefault(component.parameters[name].unit.dimension, []).append(parameters[name])
+        known = {**given, **parameters}
+        context = Context(lambda text, name: known[text] if text in known else known.setdefault(
+            text, evaluate(formulas[text], context)), _no_derivative)
+        try:
+            flows = ca.vertcat(*(evaluate(formulas[name], context) for name in through))
+            courses = [evaluate(formulas[name], context) if name in formulas else known[name] for name in seen]
+            constants = {p.name: value for p in component.parameters.values()
+                         if p.name not in (*effect.amplitude, *effect.shapes)
+                         for value in [_constant(p, domains.values(), media, values)]}
+        except (KeyError, ExpressionProblem, RecursionError):
+            return None
+        along = ca.horzcat(*(ca.sum2(ca.jacobian(flows, ca.vertcat(*group))) for group in groups.values()))
+        return cls(component, tuple(given), through, seen, len(groups), Buffered(ca.Function(
+            "law", [ca.vertcat(*given.values()), ca.vertcat(*parameters.values())],
+            [ca.densify(ca.vertcat(ca.vec(along), *courses))]).map(AT_ONCE)), tuple(parameters), constants)
+
+    def at(self, courses: Array, numbers: Mapping[str, float]) -> tuple[Array, Array]:
+        """The derivatives (groups, through, N) and the variables seen (seen, N) for courses (given, N)."""
+        values = {**dict.fromkeys(self.parameters, 0.0), **self.values, **numbers}
+        rows = mapped(self.tangents, [courses], np.array([[values[name]] for name in self.parameters]))[:, 0]
+        own = self.groups * len(self.through)
+        return rows[:own].reshape(self.groups, len(self.through), -1), rows[own:]
+
+
+def _no_derivative(value: ca.SX) -> ca.SX:
+    raise KeyError("der")
+
+
+def _constant(parameter: Parameter, domains: object, media: Mapping[str, str], values: Mapping[str, float]) -> float:
+    """The value of a parameter that is not sought: of the medium of the circuit, or its default. KeyError without one."""
+    if parameter.count is not None:
+        raise KeyError(parameter.name)
+    for domain in domains if parameter.medium else ():  # type: ignore[attr-defined]
+        if (full := f"{media.get(domain.medium, '')}.{parameter.medium}") in values:
+            return values[full]
+    if not isinstance(parameter.default, Value):
+        raise KeyError(parameter.name)
+    return float(evaluate(parameter.default.expr, Context(_no_name, _no_derivative)))
+
+
+def _no_name(text: str, name: Expr) -> ca.SX:
+    raise KeyError(text)
+
+
+def _of(candidate: Candidate, law: StaticLaw, adjoints: Sequence[Adjoint]) -> list[Prescore]:
+    """The prescores of one candidate; none where it has no amplitude that vanishes, or its nodes have no source."""
+    node = {end.lstrip("+").rpartition(".")[2]: name for name, ends in candidate.change.nodes.items() for end in ends}
+    places = [f"{node.get(name.partition('.')[0], '')}.{name.partition('.')[2]}" for name in law.through]
+    given = [f"{node.get(name.partition('.')[0], '')}.{name.partition('.')[2]}" for name in law.given]
+    if len(candidate.vanishing) < sum(n.amplitude for n in candidate.numbers) or any(
+            n.sought is not None and n.sought.held for n in candidate.numbers) or not all(
+            set(places) <= a.gradients.keys() and set(given) <= a.courses.keys() for a in adjoints):
+        return []
+    courses = [np.array([a.courses[name] for name in given]) for a in adjoints]
+    short = {n.name: n.name.rpartition(".")[2] for n in candidate.numbers}
+    middle = {short[n.name]: 1.0 for n in candidate.numbers if not n.amplitude}
+    motions = _motions(candidate, law, [law.at(course, middle)[1] for course in courses])
+    found = []
+    for shapes in points_within(candidate, motions):
+        products = np.zeros((law.groups, len(next(iter(adjoints[0].gradients.values())))))
+        for adjoint, course in zip(adjoints, courses, strict=True):
+            tangents = law.at(course, {short[name]: value for name, value in shapes.items()})[0]
+            for k, place in enumerate(places):
+                # what flows into the component leaves the node
+                products -= tangents[:, k] @ adjoint.gradients[place].T
+        for group, amplitudes in zip(products, _groups(candidate), strict=True):
+            own = group[1:1 + SKETCH]
+            length = float(np.sqrt(np.mean(own**2)))
+            size = float(np.sqrt(np.mean(group[1 + SKETCH:1 + SKETCH + RAW]**2)))
+            if not (np.isfinite(length) and 0 < length < np.inf and size > 0):
+                continue
+            noisy = group[1 + SKETCH + RAW:] if len(group) > 1 + SKETCH + RAW else own
+            found.append(Prescore(candidate, shapes, float(-group[0] / length), any(map(may_be_below_neutral, amplitudes)),
+                                  length / size, noisy / length, tuple(n.name for n in amplitudes)))
+    return found
+
+
+def _groups(candidate: Candidate) -> list[list[EffectNumber]]:
+    """The amplitudes that move together, those of one unit."""
+    groups: dict[Dimension, list[EffectNumber]] = {}
+    for number in candidate.vanishing:
+        groups.setdefault(number.unit.dimension, []).append(number)
+    return list(groups.values())
+
+
+def _motions(candidate: Candidate, law: StaticLaw, seen: Sequence[Array]) -> dict[str, tuple[float, float]]:
+    """As `motion_ranges`, by the variables seen (seen, N) in each record."""
+    courses = dict(zip(law.seen, np.hstack(seen), strict=True))
+    return {n.name: (float(course.min()), float(course.max())) for n in candidate.numbers
+            if n.follows for course in [courses[n.follows.rpartition(".")[2]]]}
