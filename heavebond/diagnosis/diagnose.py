@@ -101,6 +101,7 @@ class Diagnosis:
     remainder: Remainder | None = None
     evidence: Evidence | None = None
     restricted: bool = False
+    reviews: tuple[Stage | None, ...] = ()
     localization: Localization | None = None
 
     def __repr__(self) -> str:
@@ -128,7 +129,7 @@ class Diagnosis:
     def tree(self) -> Tree:
         """The answer from the top down: measuring chain or machine, place, kind, class, law, each with its probability."""
         return answer_tree(self.steps, self.evidence, self.findings, self.ladder, self.localization, self.partial,
-                           self.doubtful)
+                           self.doubtful, self.reviews)
 
     @property
     def named_first(self) -> tuple[str, ...]:
@@ -237,7 +238,8 @@ def _answer(state: State, task: Task) -> Diagnosis:
                             state.confirming is not None and state.confirming.shorter))
     answer = Diagnosis(state.given, said, words, models, findings, state.doubtful, steps, state.shape, state.base, noise,
                        budget.spent, state.separation, state.searched, state.adequacy, state.untried, state.remainder,
-                       evidence(steps, state.value_step, sheet_p_value(state.base), state.adequacy), bool(task.classes))
+                       evidence(steps, state.value_step, sheet_p_value(state.base), state.adequacy,
+                                next(iter(state.reviews), None)), bool(task.classes), state.reviews)
     if said in ("effect", "one_of", "mainly"):
         alone = more_probable_alone(answer.events, answer.named_first, [called(f.candidate) for f in findings[1:]])
         answer = replace(answer, words=(*words[:1], *resemblance(answer.events), *alone, *words[1:]))

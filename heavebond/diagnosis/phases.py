@@ -83,6 +83,7 @@ class State:
     comparison with all records (s); kept: the time (s) that is kept for the closing phases. searched: the experiment on the
     samples that are searched; selection, last: the effects that the search selected and its last step; doubts: which of them
     are not certain, and why; steps, findings, doubtful: the steps, certain effects and uncertain effects of the answer;
+    reviews: for each step, the step in which its effect was sought again beside all others;
     confirming: the fits to all samples. values: fixed values that the records cannot distinguish from the findings;
     value_step: the step of all fixed values; shape: the identified curve in place of a name; adequacy, remainder: see
     `evidence.flexible_laws`. verdict, separation: see `Diagnosis`. untried: parts of the search that were not completed;
@@ -102,6 +103,7 @@ class State:
     steps: tuple[Stage, ...] = ()
     findings: tuple[AddedEffect, ...] = ()
     doubtful: tuple[AddedEffect, ...] = ()
+    reviews: tuple[Stage | None, ...] = ()
     confirming: Confirming | None = None
     values: tuple[Refit, ...] = ()
     value_step: Stage | None = None
@@ -251,7 +253,7 @@ def confirm(state: State, task: Task) -> Iterator[State]:
     if confirming.ended:
         steps[-1] = replace(steps[-1], partial=True)
     yield replace(state, models=tuple(models), findings=tuple(added[:sure]), doubtful=doubtful,
-                  steps=tuple(steps), confirming=confirming,
+                  steps=tuple(steps), reviews=tuple(effect.review for effect in way), confirming=confirming,
                   untried=(*state.untried, *([FURTHER] if short else [])))
 
 
@@ -272,7 +274,8 @@ def try_fixed_values(state: State, task: Task) -> Iterator[State]:
         seconds=task.budget.left(state.kept),
         progress=lambda text: task.say(f"trying other values of what is held fixed: {text}"))
     if (value := _value(made, confirm_one, state.before_findings)) is not None:
-        yield replace(state, models=(*state.before_findings, value.rung), findings=(value,), doubtful=(), value_step=made,
+        yield replace(state, models=(*state.before_findings, value.rung), findings=(value,), doubtful=(), reviews=(),
+                      value_step=made,
                       steps=(replace(state.steps[0], chosen=None, cluster=()), made))
         return
     if made.partial:
@@ -371,7 +374,7 @@ def _without_name(state: State, task: Task, seconds: float) -> Iterator[State]:
         yield state.without(CURVES)
         return
     step = replace(state.steps[0], chosen=None, cluster=())
-    yield replace(state, models=without, findings=(), doubtful=(), steps=(step,), shape=shape)
+    yield replace(state, models=without, findings=(), doubtful=(), reviews=(), steps=(step,), shape=shape)
 
 
 def _unconfirmed(added: SelectedEffect) -> dict[str, object]:

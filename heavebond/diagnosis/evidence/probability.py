@@ -158,13 +158,17 @@ class Evidence:
                    {float(t): np.array(found) for t, found in flexible.items()}, float(str(kept.get("untried", 0.0))))
 
 
-def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float = 1.0, adequacy: Adequacy | None = None
-             ) -> Evidence:
-    """The evidence of a ladder: the refits of its first step, those of other values of what is held fixed on the same
-    records, the p value `sheet` of the hypothesis that the data sheet is right, and the identified curves by which the
-    adequacy was judged. What the best leaves is what is left
-    after all steps: effects of the catalogue that were found beside the first are no sign of a law outside it."""
-    made = steps[0]
+def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float = 1.0, adequacy: Adequacy | None = None,
+             review: Stage | None = None) -> Evidence:
+    """The evidence for the first effect of these steps: the refits of the first step, those of other values of fixed
+    parameters on the same records, the p value `sheet` of the hypothesis that the data sheet is right, and the identified
+    curves by which the adequacy was judged.
+
+    If the effect was sought again beside all later ones, in the step `review`, its refits take the place of those of the
+    first step: without the later effects, candidates that imitate these would count. The residual is that after all steps:
+    effects of the catalogue that were found beside the first are no sign of a law outside it.
+    """
+    made = steps[0] if review is None else replace(review, left=steps[0].left)
     others = [t for t in values.trials if t.candidate.kind == VALUE] if values is not None else []
     bins = len(made.errors.sums) if made.errors is not None else 0
     trials = [t for t in (*made.trials, *others) if t.errors is not None and len(t.errors.sums) == bins > 0]

@@ -163,14 +163,15 @@ DECISIVE = 10.0  # what another effect must be better by to take the place of on
 
 @dataclass(frozen=True)
 class SelectedEffect:
-    """An effect on a ladder: the step at which it was chosen, and what the records cannot tell from it beside the effects
-    `beside` (their labels; None: it was not asked for yet); `former` are its alternatives beside others, as far as these
-    were asked for."""
+    """A selected effect: the step at which it was chosen, and its alternatives, which the records cannot distinguish from it
+    beside the effects `beside` (their labels; None: not known yet). `former` are its alternatives beside others, as far as
+    these are known; `review` is the step in which it was sought again beside all other effects, if that was made."""
 
     step: Stage
     alternatives: tuple[Refit, ...]
     beside: frozenset[str] | None = frozenset()
     former: Mapping[frozenset[str], tuple[Refit, ...]] = field(default_factory=dict, repr=False, compare=False)
+    review: Stage | None = field(default=None, repr=False, compare=False)
 
     @property
     def chosen(self) -> Refit:
@@ -183,10 +184,10 @@ class SelectedEffect:
         """What was added."""
         return self.chosen.candidate
 
-    def judged(self, alternatives: tuple[Refit, ...], beside: frozenset[str]) -> SelectedEffect:
+    def judged(self, alternatives: tuple[Refit, ...], beside: frozenset[str], review: Stage | None = None) -> SelectedEffect:
         """The same with what the records cannot tell from it beside other effects."""
         known = {} if self.beside is None else {self.beside: self.alternatives}
-        return replace(self, alternatives=alternatives, beside=beside, former={**self.former, **known})
+        return replace(self, alternatives=alternatives, beside=beside, former={**self.former, **known}, review=review)
 
     def among(self, others: frozenset[str]) -> SelectedEffect:
         """The same with its alternatives beside these effects, where they are known."""
@@ -358,7 +359,7 @@ def _asked_again(way: Selection, k: int, stepping: Stepping, say: Progress) -> S
     if same is not None and (law := simpler_law(again, same)) is not None:
         return _instead(way, k, choosing(again, law), others, say)
     alike = choosing(again, same).cluster if same is not None else (way[k].chosen, *again.cluster)
-    return _with(way, k, way[k].judged(alike, _others(way, k)))
+    return _with(way, k, way[k].judged(alike, _others(way, k), again))
 
 
 def _instead(way: Selection, k: int, again: Stage, others: Selection, say: Progress) -> Selection:
@@ -376,7 +377,7 @@ def _instead(way: Selection, k: int, again: Stage, others: Selection, say: Progr
     if found is None:
         return last
     found = _with_last(found, again.chosen)
-    return _with(found, k, found[k].judged((found[k].chosen, *again.cluster[1:]), _others(found, k)))
+    return _with(found, k, found[k].judged((found[k].chosen, *again.cluster[1:]), _others(found, k), again))
 
 
 def _in_order(way: Selection, say: Progress) -> Selection:
