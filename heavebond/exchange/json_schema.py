@@ -157,6 +157,7 @@ def component_file(known: Library) -> Schema:
         "integer": _said("a whole number; written without a value", {}), "class": TEXT, "search_range": TEXT,
         "wakes_with": WORDS, "count": COUNT,
         "medium": _said("the property of the medium in its circuit that it is taken from"),
+        "typical": _object({"range": TEXT, "source": TEXT}, ["source"], "between which values it commonly lies"),
         "width": _said("the width of a transition that makes a law smooth; written without a value", {}),
         "meaning": _said("the effect of another value in a sentence with fields, `Leakage of {C} in {part}.`")})
     variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,
@@ -200,12 +201,13 @@ def function_file() -> Schema:
 
 def _effect(domain: Schema) -> Schema:
     attaches = {"enum": list(ATTACHES)}
-    return _object({
+    one = _object({
         "class": TEXT, "description": TEXT, "attaches": {"anyOf": [attaches, {"type": "array", "items": attaches}]},
-        "amplitude": {"anyOf": [WORDS, _each(TEXT)]}, "search_range": _each(TEXT), "also": _each(domain), "replaces": TEXT,
-        "start": _each(FORMULA), "settled": WORDS,
+        "amplitude": {"anyOf": [WORDS, _each(TEXT)]}, "search_range": _each(TEXT), "also": _each(domain), "replaces": WORDS,
+        "start": _each(FORMULA), "settled": WORDS, "requires": _each(WORDS), "acts": FORMULA,
         "meaning": _said("the effect in a sentence with fields, `Dry friction of {F_c} {place}.`")},
         ["class", "description"], "that it may be what another diagram lacks")
+    return {"anyOf": [one, {"type": "array", "items": one}]}
 
 
 # -- parts of them ---------------------------------------------------------------------------------------------------

@@ -179,15 +179,26 @@ class Meaning:
 
 
 @dataclass(frozen=True)
+class Typical:
+    """Between which values a parameter commonly lies, and who says so; without a range, `source` is what an engineer
+    compares its value with."""
+
+    range: Range | None
+    source: str
+
+
+@dataclass(frozen=True)
 class Effect:
     """What a component would be if it were missing from a diagram: an entry of the catalogue.
 
     kind: what a finding is called, the same for all laws of a kind; attaches: where it may stand (see ATTACHES);
     amplitude: parameters that are zero where the effect is absent (None), or that have no such value and are sought
     within a range; shapes: the other parameters that are sought; also: further ports and the domain on whose nodes they
-    are tried; replaces: the component whose place it takes, `start` giving its parameters by those of the `old` one;
-    settled: variables (`v`) and rates (`der(v)`) that are zero at the start of a record, as far as that is open: a
-    machine that runs already; meaning: what the effect does, with its values, in a sentence.
+    are tried; replaces: the components whose place it takes, `start` giving its parameters by those of the `old` one: an
+    amplitude under `start` is absent at that value instead of zero; settled: variables (`v`) and rates (`der(v)`) that are
+    zero at the start of a record, as far as that is open: a machine that runs already; meaning: what the effect does, with
+    its values, in a sentence; requires: kinds of components of which one must stand on the node of a port, or that a
+    variable REVERSES in the records; acts: a quantity that is above zero while the effect acts.
     """
 
     kind: str
@@ -196,12 +207,16 @@ class Effect:
     amplitude: dict[str, SearchRange | None]
     shapes: dict[str, SearchRange]
     also: dict[str, str]
-    replaces: str
+    replaces: tuple[str, ...]
     start: dict[str, Formula]
     settled: tuple[str, ...]
     place: Place
     meaning: Meaning | None = None
+    requires: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    acts: Formula | None = None
 
+
+REVERSES = "reverses"  # what `requires:` asks of a variable: that it does not move in one direction only
 
 # between two nodes; on a node; between a port and its node; before a signal input; behind a measured output
 ATTACHES = ("across", "at", "in series", "input", "channel")
@@ -235,6 +250,7 @@ class Parameter:
     width: bool = False
     columns: Expr | None = None
     meaning: Meaning | None = None
+    typical: Typical | None = None
 
 
 def rate_of(text: str) -> str | None:
@@ -347,10 +363,12 @@ class Wire:
 
 @dataclass(frozen=True)
 class Body:
-    """Instances and the wires between them."""
+    """Instances and the wires between them; `inside` are parts of blocks by their paths (`ahc.pump`) whose place others
+    take."""
 
     instances: dict[str, Instance] = field(default_factory=dict)
     wires: dict[str, Wire] = field(default_factory=dict)
+    inside: dict[str, Instance] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -412,13 +430,22 @@ class Component:
     restrictions: str = ""
     source: str = ""
     symbol: str = ""
-    effect: Effect | None = None
+    effects: tuple[Effect, ...] = ()
     sliding: dict[str, float] = field(default_factory=dict)
     placeholder: str = ""  # why its law is missing: it stands for something that was not translated
     units_checked: bool = True  # False: the equations are between numbers in SI, as in an imported component
     foreign: Foreign | None = None
     extends: tuple[str, ...] = ()
     values: dict[str, Value] = field(default_factory=dict)
+
+    @property
+    def effect(self) -> Effect | None:
+        """The first of its effects; None without one."""
+        return self.effects[0] if self.effects else None
+
+    def effect_of(self, attaches: str, old: str = "") -> Effect | None:
+        """Its effect that attaches in a way, or that takes the place of the component `old`; None without one."""
+        return next((e for e in self.effects if attaches in e.attaches or old in e.replaces), None)
 
     def is_a(self, kind: str) -> bool:
         """Whether it is the component of that name, or extends it."""

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Container
 from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass
 
-from heavebond.core.errors import ModelError, Place, Problems, either, listing, suggest
+from heavebond.core.errors import ModelError, Place, Problem, Problems, either, listing, suggest
 from heavebond.core.units import Range, Unit, UnitProblem, check_unit, is_generic, parse_range
 from heavebond.language import reading
 from heavebond.language.definition import (
     ATTACHES,
     HELD,
+    REVERSES,
     Component,
     Effect,
     Formula,
@@ -20,15 +22,16 @@ from heavebond.language.definition import (
     Port,
     SearchRange,
     SignalPort,
+    Typical,
     Variable,
     rate_of,
 )
 from heavebond.text.dimensions import number_dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name, names, parse_formula
-from heavebond.text.yaml_source import Mapping, Node, Scalar
+from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence
 
 KEYS = ("class", "description", "attaches", "amplitude", "search_range", "also", "replaces", "start", "settled",
-        "meaning")
+        "meaning", "requires", "acts")
 
 
 def read_search_range(node: Node | None, unit: Unit, variables: Dictionary[str, Variable], what: str, problems: Problems
@@ -81,6 +84,24 @@ def read_meaning(node: Node | None, problems: Problems) -> Meaning | None:
     return Meaning(tuple(pieces[::2]), tuple(fields), node.place)
 
 
+def read_typical(node: Node | None, unit: Unit, what: str, problems: Problems) -> Typical | None:
+    """`{range: 2 .. 25 W/(m**2*K), source: who says so}`."""
+    entry = reading.mapping(node, "typical", problems, "Write `typical: {range: 2 .. 25 mm, source: who says so}`.")
+    if entry is None:
+        return None
+    reading.known_keys(entry, ("range", "source"), f"typical values of {what}", problems, ("source",))
+    found: Range | None = None
+    said = reading.text(entry.items.get("range"), "range", problems)
+    try:
+        if said:
+            found = parse_range(said)
+            _check_ends(found, unit, said)
+    except UnitProblem as problem:
+        problems.add(problem.code, f"{what}: {problem.message}", entry.items["range"].place, hint=problem.hint)
+        found = None
+    return Typical(found, reading.text(entry.items.get("source"), "source", problems))
+
+
 def _check_ends(found: Range, unit: Unit, said: str) -> None:
     if not is_generic(unit.dimension):
         check_unit(found.unit, unit, found.low, said)
@@ -96,8 +117,12 @@ class EffectReader:
     variables: Dictionary[str, Variable]
     problems: Problems
 
-    def effect(self, node: Node | None) -> Effect | None:
-        """The `effect:` entry; problems are noted with their places."""
+    def effects(self, node: Node | None) -> tuple[Effect, ...]:
+        """The `effect:` entry, or a list of them; problems are noted with their places."""
+        entries = node.items if isinstance(node, Sequence) else [node]
+        return tuple(effect for entry in entries if (effect := self._effect(entry)) is not None)
+
+    def _effect(self, node: Node | None) -> Effect | None:
         entry = reading.mapping(node, "effect", self.problems)
         if entry is None:
             return None
@@ -107,10 +132,11 @@ class EffectReader:
         found = Effect(
             reading.text(entry.items.get("class"), "class", self.problems),
             reading.text(entry.items.get("description"), "description", self.problems), attaches,
-            self._amplitude(entry.items.get("amplitude")), self._shapes(entry.items.get("search_range"), "search_range"),
-            also, reading.text(entry.items.get("replaces"), "replaces", self.problems),
+            self._amplitude(entry), self._shapes(entry.items.get("search_range"), "search_range"), also,
+            tuple(word.text for word in reading.words(entry.items.get("replaces"), "replaces", self.problems)),
             self._start(entry.items.get("start")), self._settled(entry.items.get("settled")), entry.place,
-            read_meaning(entry.items.get("meaning"), self.problems))
+            read_meaning(entry.items.get("meaning"), self.problems),
+            self._requires(entry.items.get("requires")), self._acts(entry.items.get("acts")))
         self._check(entry)
         self._check_meaning(found.meaning, () if found.replaces else tuple(self.ports))
         return found
@@ -161,15 +187,17 @@ class EffectReader:
                               hint=suggest(name, self.parameters) or f"Parameters: {listing(self.parameters)}.")
         return found
 
-    def _amplitude(self, node: Node | None) -> dict[str, SearchRange | None]:
+    def _amplitude(self, entry: Mapping) -> dict[str, SearchRange | None]:
+        node, starts = entry.items.get("amplitude"), _named(entry.items.get("start"))
         if isinstance(node, Mapping):
             return dict(self._shapes(node, "amplitude"))
         found: dict[str, SearchRange | None] = {}
         for word in reading.words(node, "amplitude", self.problems):
             parameter = self._parameter(word.text, word.place)
-            if parameter is not None and ((parameter.low or 0) > 0 or (parameter.high or 0) < 0):
+            if parameter is not None and word.text not in starts and ((parameter.low or 0) > 0 or (parameter.high or 0) < 0):
+                start = f" Or where it is absent: `start: {{{word.text}: old.{word.text}}}`." * ("replaces" in entry.items)
                 self.problems.add("effect-amplitude", f"'{word.text}' cannot be 0, which is where the effect is absent",
-                                  word.place, hint=f"Give its range: `amplitude: {{{word.text}: low .. high}}`.")
+                                  word.place, hint=f"Give its range: `amplitude: {{{word.text}: low .. high}}`.{start}")
             elif parameter is not None:
                 found[word.text] = None
         return found
@@ -234,6 +262,32 @@ class EffectReader:
             except ExpressionProblem as problem:
                 self.problems.add(problem.code, problem.message, meaning.place, hint=problem.hint)
 
+    def _requires(self, node: Node | None) -> dict[str, tuple[str, ...]]:
+        """Kinds of components on the node of a port, or `reverses` of a variable."""
+        found = {}
+        for key, item in self._entries(node, "requires"):
+            kinds = tuple(word.text for word in reading.words(item, key.text, self.problems))
+            if key.text not in {**self.ports, **self.variables}:
+                self.problems.add("effect-requires", f"'{key.text}' is no port or variable of this component", key.place,
+                                  hint=suggest(key.text, {**self.ports, **self.variables}) or self._has())
+            elif key.text in self.variables and kinds != (REVERSES,):
+                self.problems.add("effect-requires", f"of a variable an effect may require that it `{REVERSES}`", item.place,
+                                  hint=f"Write `requires: {{{key.text}: {REVERSES}}}`.")
+            else:
+                found[key.text] = kinds
+        return found
+
+    def _acts(self, node: Node | None) -> Formula | None:
+        """A formula of the component's own parameters, variables and signals."""
+        formula = reading.formula_of(node, "acts", self.problems) if node is not None else None
+        known = {**self.parameters, **self.variables, **self.signals}
+        for name in names(formula.tree) if formula is not None else ():
+            if name.text not in known and name.text.partition(".")[0] not in self.ports:
+                self.problems.add("effect-acts", f"'{name.text}' is no variable of this component",
+                                  formula.place if formula is not None else None,
+                                  hint=suggest(name.text, known) or f"Variables: {listing(known)}.")
+        return formula
+
     def _check(self, entry: Mapping) -> None:
         """What is left out; an entry that is there but wrong has been told already."""
         problems, place = self.problems, entry.place
@@ -272,6 +326,14 @@ def _named(node: Node | None) -> list[str]:
     return [word.text for word in reading.words(node, "amplitude", Problems())]
 
 
+def check_required(component: Component, effect: Effect, kinds: Container[str]) -> None:
+    """ModelError where an effect requires a kind of component that there is not."""
+    for port, required in effect.requires.items():
+        for kind in required if port in component.ports else ():
+            if kind not in kinds:
+                raise ModelError([Problem("effect-requires", f"there is no component '{kind}'", effect.place)])
+
+
 def check_replacing(component: Component, effect: Effect, old: Component) -> None:
     """ModelError where a component cannot take the place of the one that its effect names: other ports, or formulas under
     `start:` that speak of anything but the old one's parameters."""
@@ -282,7 +344,7 @@ def check_replacing(component: Component, effect: Effect, old: Component) -> Non
     known = [f"old.{name}" for name in old.parameters]
     for formula in effect.start.values():
         for name in names(formula.tree):
-            if name.text not in known:
+            if name.text not in (*known, "pi"):
                 problems.add("effect-start", f"'{name.text}' is no parameter of {old.name}", formula.place,
                              hint=suggest(name.text, known) or f"Write a formula of {listing(known)}.")
     problems.raise_as(ModelError)

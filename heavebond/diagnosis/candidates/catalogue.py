@@ -9,25 +9,37 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, count
-from math import sqrt
+from math import isfinite, sqrt
 
 import casadi as ca
 
+from heavebond.core.errors import listing
 from heavebond.core.units import Dimension, Unit, dimension_text, is_generic, read_unit, solved
 from heavebond.equations.connect import Group, Network, connect
 from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.parameters import formula_order
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment
-from heavebond.language.definition import Component, Effect, FileInput, Parameter, SearchRange, rate_of
+from heavebond.language.definition import (
+    REVERSES,
+    Component,
+    Effect,
+    FileInput,
+    Formula,
+    Parameter,
+    SearchRange,
+    Value,
+    rate_of,
+)
 from heavebond.language.edits import Change, Part
-from heavebond.language.effects import check_replacing
+from heavebond.language.effects import check_replacing, check_required
+from heavebond.language.library import is_bundled
 from heavebond.language.lists import written_out
 from heavebond.numerics.dae import Assembly
-from heavebond.text.expression import parse_formula
+from heavebond.text.expression import Name, Number, names, parse_formula
 from heavebond.text.shapes import whole_number
 
 ALL_PAIRS = 40  # nodes of a domain up to which all pairs of them are places of effects
@@ -38,7 +50,8 @@ class EffectNumber:
     """A number of an effect: its full name, its unit, the bounds within which it is allowed, where it is sought (None:
     from `neutral`, as far as the record asks), and whether it makes the effect (an amplitude) or shapes it. `limits` are
     the bounds of the parameter itself (its `min` and `max`), beyond which it has no meaning; every other end of a range is
-    one of the search. `parts` are the further parts that have this number too (one law at several places)."""
+    one of the search. `neutral_of` is the formula of the diagram's parameters that gives the neutral value, of a law that
+    takes another one's place. `parts` are the further parts that have this number too (one law at several places)."""
 
     name: str
     unit: Unit
@@ -49,6 +62,7 @@ class EffectNumber:
     neutral: float = 0.0
     limits: tuple[float | None, float | None] = (None, None)
     parts: tuple[str, ...] = ()
+    neutral_of: str = ""
 
     @property
     def follows(self) -> str:
@@ -68,7 +82,9 @@ class Candidate:
     """One effect at one place: its component, what it is called (`kind`), where it stands in words and by the names of
     nodes, ports or outputs (`where`), and the change to the diagram that puts it there at its neutral value. `orders` are
     pairs of numbers of which the first must be above the second; `signal` is the signal input before which it stands.
-    `members` are the labels of the candidates at single places whose law stands at all of these places at once."""
+    `members` are the labels of the candidates at single places whose law stands at all of these places at once. `old` is the
+    kind of the part whose place it takes. `acts` is a quantity of the diagram that is above zero while the effect acts;
+    `reverses`: only where the motion turns back."""
 
     name: str
     component: str
@@ -82,6 +98,9 @@ class Candidate:
     orders: tuple[tuple[str, str], ...] = ()
     signal: str = ""
     members: tuple[str, ...] = ()
+    old: str = ""
+    acts: str = ""
+    reverses: bool = False
 
     @property
     def label(self) -> str:
@@ -107,7 +126,8 @@ class Candidate:
 @dataclass(frozen=True)
 class Site:
     """A diagram in which effects are to be placed; `taken` are names that are not free besides those of the diagram; with
-    `apart` every name that is given is taken from then on."""
+    `apart` every name that is given is taken from then on. `excluded` collects the labels of effects that are no candidates,
+    and why."""
 
     experiment: Experiment
     assembly: Assembly
@@ -115,6 +135,7 @@ class Site:
     network: Network
     taken: set[str] = field(default_factory=set)
     apart: bool = False
+    excluded: dict[str, str] = field(default_factory=dict)
 
     @property
     def nodes(self) -> dict[str, list[Group]]:
@@ -161,12 +182,36 @@ def single_candidates(experiment: Experiment, site: Site | None = None) -> list[
     site = site or site_of(experiment)
     found = list(_dormant(site))
     for component in experiment.model.library.effects():
-        assert component.effect is not None
-        for way in component.effect.attaches:
-            found += _WAYS[way](site, component, component.effect)
-        if component.effect.replaces:
-            found += _replacing(site, component, component.effect)
+        for effect in component.effects:
+            check_required(component, effect, experiment.model.library.files)
+            made = [c for way in effect.attaches for c in _WAYS[way](site, component, effect)]
+            made += [c for kind in effect.replaces for c in _replacing(site, component, effect, kind)]
+            if effect.acts is not None:
+                made = [replace(c, acts=component.in_diagram(effect.acts, c.name)) for c in made]
+            if any(REVERSES in required for required in effect.requires.values()):
+                made = [replace(c, reverses=True) for c in made]
+            reasons = {c.label: _lacking(site, component, effect, c) for c in made} if effect.requires else {}
+            site.excluded.update({label: reason for label, reason in reasons.items() if reason})
+            found += [c for c in made if not reasons.get(c.label)]
+    blocks = [path for path, leaf in site.expanded.leaves.items() if leaf.component.composite and any(
+        s.direction == "in" for name in leaf.component.body.instances
+        if (part := site.expanded.leaves.get(f"{path}.{name}")) is not None for s in part.component.signals.values())]
+    site.excluded.update({f"effects of signals inside {path}": "inputs of parts inside a block are not tried"
+                          for path in blocks})
     return found
+
+
+def _lacking(site: Site, component: Component, effect: Effect, candidate: Candidate) -> str:
+    """What the place of a candidate lacks of what its effect requires; empty where it has all. A component of the user's own
+    that stores something may be of any kind."""
+    for port, kinds in effect.requires.items():
+        node = next((node for node, ends in candidate.change.nodes.items() if f"+{candidate.name}.{port}" in ends), "")
+        parts = [leaf.component for leaf in site.expanded.leaves.values() for p in leaf.component.ports.values()
+                 if p.count is None and site.group(f"{leaf.path}.{p.name}").name == node]
+        if port in component.ports and not any(part.is_a(kind) for part in parts for kind in kinds) and \
+                not any(part.stores is not None and not is_bundled(part.path) for part in parts):
+            return f"no {listing(kinds)} stands on {node}"
+    return ""
 
 
 def _dormant(site: Site) -> Iterator[Candidate]:
@@ -371,11 +416,24 @@ def _at(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]
 
 
 def _own_wire(site: Site, port: str) -> str | None:
-    """The node, as the diagram itself writes it, on which a port of a part of the diagram stands."""
+    """The node on which a port stands, by its path, as the diagram or the file of the block around the port writes it."""
     for wire in site.experiment.model.body.wires.values():
         if any(end.path == port for end in wire.ends):
             return wire.name
+    part, _, name = port.rpartition(".")
+    block, _, inner = part.rpartition(".")
+    around = site.expanded.leaves.get(block) if block else None
+    for wire in around.component.body.wires.values() if around is not None else ():
+        if any(end.path == f"{inner}.{name}" for end in wire.ends):
+            return f"{block}.{wire.name}"
     return None
+
+
+def _is_written(site: Site, path: str) -> bool:
+    """Whether a part is one that the diagram, or the file of the block around it, names."""
+    block, _, name = path.rpartition(".")
+    body = site.expanded.leaves[block].component.body if block else site.experiment.model.body
+    return name in body.instances
 
 
 def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]:
@@ -388,6 +446,10 @@ def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Can
             # an end that carries the node's name cannot leave it
             if wire is None or port.count is not None or wire == leaf.path:
                 continue
+            if _carries_nothing(leaf.component, port.name):
+                if port.domain == first.domain:
+                    site.excluded[f"{component.name} before {path}"] = f"nothing flows through {path}"
+                continue
             group = site.group(path)
             # of two ports on a node it is the same behind the one and the other
             if group.domain != first.domain or len(group.ports) < 2 or (len(group.ports) == 2 and group.name in done):
@@ -395,12 +457,18 @@ def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Can
             done.add(group.name)
             name = fresh(site, snake(component.name))
             numbers = _numbers(component, effect, name)
-            between = fresh(site, f"{leaf.path}_{port.name}")
+            between = fresh(site, f"{leaf.path}_{port.name}".replace(".", "_"))
             ends = {wire: (f"-{path}", f"+{name}.{first.name}"), between: (path, f"{name}.{second.name}")}
             place = f"between {group.name} and {path}"
             yield Candidate(name, component.name, effect.kind, effect.description, place, (group.name, leaf.path),
                             Change({name: _part(component, numbers)}, ends, initial=_settled(component, effect, name)),
                             numbers, "in series", _full(component, name))
+
+
+def _carries_nothing(component: Component, port: str) -> bool:
+    """Whether an equation says that the force on a port or the flow through it is zero."""
+    return any(isinstance(line.tree.left, Name) and line.tree.left.text.rpartition(".")[0] == port
+               and isinstance(line.tree.right, Number) and line.tree.right.value == 0 for line in component.equations)
 
 
 def _settled(component: Component, effect: Effect, name: str) -> dict[str, str]:
@@ -477,28 +545,79 @@ def _behind_channel(site: Site, component: Component, effect: Effect) -> Iterato
                         numbers, "channel", _full(component, name))
 
 
-def _replacing(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]:
-    check_replacing(component, effect, site.experiment.model.library.component(effect.replaces, effect.place))
+def _replacing(site: Site, component: Component, effect: Effect, kind: str) -> Iterator[Candidate]:
+    """A law in place of a simpler one that it contains, with the values at which the two are equal."""
+    check_replacing(component, effect, site.experiment.model.library.component(kind, effect.place))
     for leaf in site.expanded.leaves.values():
-        if not leaf.component.is_a(effect.replaces) or leaf.path not in site.experiment.model.body.instances:
+        if not leaf.component.is_a(kind) or not _is_written(site, leaf.path):
             continue
-        values = {key: quantity(_evaluated(site, leaf, formula.text), component.parameters[key].unit)
-                  for key, formula in effect.start.items()}
-        numbers = _numbers(component, effect, leaf.path)
-        part = _part(component, numbers, values)
-        part = Part(part.kind, {**part.values, **values})
+        formulas = {key: re.sub(r"\bold\.", f"{leaf.path}.", formula.text) for key, formula in effect.start.items()}
+        values = {key: _evaluated(site.assembly, formula) for key, formula in formulas.items()}
+        if wrong := [key for key, value in values.items() if not _allowed(component.parameters[key], value)]:
+            site.excluded[f"{component.name} in place of {leaf.path}"] = \
+                f"{leaf.path} has no equal values of {listing(wrong)}"
+            continue
+        numbers = {n.name.rpartition(".")[2]: n for n in _numbers(component, effect, leaf.path)}
+        for key, formula in formulas.items():
+            new = component.parameters[key]
+            if key in numbers:
+                numbers[key] = replace(numbers[key], neutral=values[key], neutral_of=formula)
+            elif formula != f"{leaf.path}.{key}" and _names(formula) & site.experiment.free.keys():
+                # a free parameter stays free under its new name
+                numbers[key] = EffectNumber(f"{leaf.path}.{key}", new.unit, new.low, new.high, None, True, values[key],
+                                            (new.low, new.high), neutral_of=formula)
+        part = _part(component, tuple(numbers.values()))
+        written = {key: ("" if key in numbers else _written(leaf, effect.start[key]))
+                   or quantity(value, component.parameters[key].unit) for key, value in values.items()}
         yield Candidate(leaf.path, component.name, effect.kind, effect.description, f"in place of {leaf.path}", (leaf.path,),
-                        Change({leaf.path: part}), numbers, "replaces", _full(component, leaf.path))
+                        Change({leaf.path: Part(part.kind, {**part.values, **written})}), tuple(numbers.values()),
+                        "replaces", _full(component, leaf.path), old=kind)
 
 
-def _evaluated(site: Site, leaf: Leaf, formula: str) -> float:
-    """A formula of the old component's parameters at their present values."""
-    text = re.sub(r"\bold\.", f"{leaf.path}.", formula)
-    expression = site.assembly.expression(parse_formula(text, units=False))
-    function = ca.Function("start", list(site.assembly.arguments), [expression])
-    zeros = [ca.DM.zeros(a.shape) for a in site.assembly.arguments]
-    zeros[3] = ca.DM(site.assembly.p)
+def _allowed(parameter: Parameter, value: float) -> bool:
+    """Whether a parameter may have a value."""
+    return isfinite(value) and (parameter.low is None or value >= parameter.low) and \
+        (parameter.high is None or value <= parameter.high)
+
+
+def _names(formula: str) -> set[str]:
+    """The names in a formula."""
+    return {name.text for name in names(parse_formula(formula, units=False))}
+
+
+def _written(leaf: Leaf, formula: Formula) -> str:
+    """A value that the old part takes from a formula of the diagram, as it is written in the diagram; empty if the new part
+    does not take just this value over."""
+    bound = leaf.parameters.get(formula.text.strip().removeprefix("old."))
+    if bound is None or not formula.text.strip().startswith("old.") or not isinstance(bound.value, Value) \
+            or not bound.value.formula or bound.scope.startswith(leaf.scope):
+        return ""
+    text = bound.value.text.removeprefix("=")
+    for name in sorted({n.text for n in names(bound.value.expr)} - {"time", "pi"}, key=len, reverse=True):
+        text = re.sub(rf"(?<![\w.]){re.escape(name)}(?![\w.])", f"{bound.scope}{name}", text)
+    return f"={text}"
+
+
+def _evaluated(assembly: Assembly, formula: str) -> float:
+    """A formula of the diagram's parameters at their present values."""
+    expression = assembly.expression(parse_formula(formula, units=False))
+    function = ca.Function("start", list(assembly.arguments), [expression])
+    zeros = [ca.DM.zeros(a.shape) for a in assembly.arguments]
+    zeros[3] = ca.DM(assembly.p)
     return float(function(*zeros))
+
+
+def at_values(candidate: Candidate, assembly: Assembly, values: Mapping[str, float]) -> Candidate:
+    """The candidate with the neutral values that follow from these values of the diagram's parameters (SI)."""
+    numbers = [n for n in candidate.numbers if n.neutral_of]
+    if not numbers:
+        return candidate
+    known = assembly.parameter_values
+    fitted = assembly.with_parameters({name: value for name, value in values.items() if name in known})
+    neutral = {n.name: _evaluated(fitted, n.neutral_of) for n in numbers}
+    return replace(candidate, change=candidate.change.with_values(
+        {n.name: quantity(neutral[n.name], n.unit) for n in numbers if n.sought is None}),
+        numbers=tuple(replace(n, neutral=neutral.get(n.name, n.neutral)) for n in candidate.numbers))
 
 
 _WAYS = {"across": _across, "at": _at, "in series": _in_series, "input": _before_input, "channel": _behind_channel}
