@@ -50,7 +50,8 @@ def attempt(experiment: ExperimentOrFile, component: str, places: Sequence[str] 
     experiment = loaded(experiment)
     say = progress or (lambda text: None)
     values = [c for c in fixed_values(experiment) if c.name == component]
-    chosen = _named([*candidates(experiment), *between_all_nodes(experiment), *values], component, places)
+    distant = [c for c in between_all_nodes(experiment) if set(c.where) <= set(places)]
+    chosen = _named([*candidates(experiment), *distant, *values], component, places)
     base = fit(experiment, progress=say) if experiment.free else None
     rungs = first_entries(experiment, base)
     made = single(at_fit(experiment, base), chosen, say)

@@ -88,8 +88,9 @@ class Place:
 
 def sources_of(flat: Flat) -> dict[str, Node]:
     """All through variables of all nodes of a flat model by name (`crown.f`), each as the node whose source sets it."""
-    return {f"{node.name}.{through}": replace(node, member=k) for node in nodes_of(flat, several_efforts=True).values()
-            for k, through in enumerate(node.domain.through)}
+    balances = {e.subject for e in flat.equations if e.role is EquationRole.BALANCE}
+    return {name: replace(node, member=k) for node in nodes_of(flat, several_efforts=True).values()
+            for k, through in enumerate(node.domain.through) for name in [f"{node.name}.{through}"] if name in balances}
 
 
 def nodes_of(flat: Flat, several_efforts: bool = False) -> dict[str, Node]:

@@ -11,6 +11,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations, count
 from math import isfinite, sqrt
 
@@ -136,6 +137,13 @@ class Site:
     taken: set[str] = field(default_factory=set)
     apart: bool = False
     excluded: dict[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """The names that the diagram has."""
+        body = self.experiment.model.body
+        return frozenset((*body.instances, *body.wires, *self.experiment.model.parameters, *self.expanded.leaves,
+                          *self.expanded.junctions))
 
     @property
     def nodes(self) -> dict[str, list[Group]]:
@@ -289,10 +297,9 @@ def _full(component: Component, name: str) -> tuple[tuple[str, str], ...]:
 
 def fresh(site: Site, base: str) -> str:
     """An instance name that is free, with the nodes made from it: `coulomb_friction`, `coulomb_friction_2`, ..."""
-    used = {*site.experiment.model.body.instances, *site.experiment.model.body.wires, *site.experiment.model.parameters,
-            *site.expanded.leaves, *site.expanded.junctions, *site.taken}
     names = (base if k == 1 else f"{base}_{k}" for k in count(1))
-    found = next(n for n in names if not {n, f"{n}_end", f"{n}_in", f"{n}_out"} & used)
+    found = next(n for n in names for new in [{n, f"{n}_end", f"{n}_in", f"{n}_out"}]
+                 if new.isdisjoint(site.names) and new.isdisjoint(site.taken))
     if site.apart:
         site.taken.update((found, f"{found}_end", f"{found}_in", f"{found}_out"))
     return found

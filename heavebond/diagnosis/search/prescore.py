@@ -111,7 +111,7 @@ def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], 
     across = [c for c in near if c.attaches == "across" and not c.members]
     try:
         scores, without = prescores(base, [*across, *distant])
-    except HeavebondError:
+    except (HeavebondError, np.linalg.LinAlgError):
         return Prescored(left_out={**left_out, **{c.label: NO_LINEAR_MODEL for c in distant}})
     labels = {c.label for c in distant}
     least = max(VISIBLE, PROMISING * max((p.gain for p in scores if p.share > SAME), default=0.0))
@@ -206,10 +206,10 @@ def _adjoint(base: Base, run: Run, vectors: Array, folder: Path) -> Adjoint:
 
 def backward(model: LtvModel, vectors: Array) -> Array:
     """lambda (sources, V, N) of vectors (V, channels, N) in the channels of the model."""
-    phi, gamma = model.phi[:, :, :model.phi.shape[1]], model.gamma
+    phi, gamma = model.phi[:, :, :model.phi.shape[1]], model.gamma  # without the columns of the free parameters
     c, d = model.c[:, :, :phi.shape[1]], model.d
     count = len(model.time)
-    found = np.empty((count, len(vectors), gamma.shape[2]))
+    found = np.empty((count, len(vectors), gamma.shape[2]), np.float32)  # their sums need no more digits
     mu = np.zeros((len(vectors), phi.shape[1]))
     for k in range(count - 1, -1, -1):
         step = mu @ gamma[k] / 2 if k < count - 1 else 0.0
