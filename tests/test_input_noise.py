@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import cont2discrete, lfilter
 
 import heavebond as hb
 from heavebond.core.errors import ModelError
@@ -127,3 +128,21 @@ def test_feedback_is_told_and_nothing_else() -> None:
     assert feedback(free, 0.3 * through + 0.2 * noise, through) is None  # direct transmission, 30 % too small in the model
     for gain in (-1, 9.55):  # a sensor of other sign, or in another unit
         assert feedback(free, gain * through + 0.2 * noise - through, through) is None
+
+
+@pytest.mark.parametrize(("noise", "quantum"), [(0.01, 0.0), (0.0, 0.02)])
+def test_noise_or_quantisation_of_a_measured_input_is_no_closed_loop(noise: float, quantum: float) -> None:
+    """The machine, an oscillator at 3 rad/s on a moving foot, follows the smooth input and the model its reading: the
+    residual is the response to the noise, and its past tells more of the true input than the past of the reading does. With
+    a controller that reads the output there is feedback: it is told."""
+    random, n, step = np.random.default_rng(0), 1500, 0.05
+    time = step * np.arange(n)
+    smooth = sum(random.normal() * np.sin(2 * np.pi * f * time + random.uniform(0, 6.28))
+                 for f in np.linspace(0.05, 0.25, 12))
+    b, a, _ = cont2discrete(([1.8, 9.0], [1.0, 1.8, 9.0]), step, "foh")
+    reading = smooth + noise * random.standard_normal(n)
+    reading = quantum * np.round(reading / quantum) if quantum else reading
+    sensor, model = 0.001 * random.standard_normal(n), lfilter(b.ravel(), a, reading)
+    assert feedback(reading, lfilter(b.ravel(), a, smooth) + sensor - model, model) is None
+    controlled = smooth - 5.0 * np.concatenate([[0.0], sensor[:-1]])  # proportional, a sample late
+    assert feedback(controlled, sensor, lfilter(b.ravel(), a, controlled)) is not None
