@@ -261,12 +261,14 @@ def _held(variable: Variable) -> str:
 
 def _effects(component: Component) -> list[str]:
     lines = []
-    if (effect := component.effect) is not None:
-        where = f"in the place of a {effect.replaces}" if effect.replaces else " or ".join(
-            PLACES[word] for word in effect.attaches)
+    for effect in component.effects:
+        where = "in the place of " + " or ".join(f"a {kind}" for kind in effect.replaces) if effect.replaces else \
+            " or ".join(PLACES[word] for word in effect.attaches)
         lines.append(f"* Missing as a whole: **{effect.kind}**, {_prose(effect.description)}. It is tried {where}.")
         sizes = [f"`{name}`" + (f" {_sought(s)}" if s is not None else "") for name, s in effect.amplitude.items()]
         lines += [f"* Its size: {', '.join(sizes)}."] if sizes else []
+        equal = [f"`{name}` = {formula.text}" for name, formula in effect.start.items()]
+        lines += [f"* Equal to the simpler part at {', '.join(equal)}."] if equal else []
         shapes = [f"`{name}` {_sought(s)}" for name, s in effect.shapes.items()]
         lines += [f"* Sought with it: {', '.join(shapes)}."] if shapes else []
     for p in component.parameters.values():

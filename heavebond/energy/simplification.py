@@ -150,7 +150,8 @@ def _steps(model: Model, whole: Result, component: str) -> list[Step]:
     """The ways to neutralise a component: by values at which it is absent, or taken out of the diagram."""
     flat = whole.assembly.flat
     effect = flat.expanded.leaves[component].component.effect
-    if effect is None or not effect.amplitude or any(sought is not None for sought in effect.amplitude.values()):
+    if effect is None or not effect.amplitude or any(sought is not None for sought in effect.amplitude.values()) \
+            or effect.start.keys() & effect.amplitude:  # absent at a value of the simpler part instead of 0
         return []
     units = flat.units
     own = {f"{component}.{name}": f"0 {units[f'{component}.{name}'].text}" for name in effect.amplitude}

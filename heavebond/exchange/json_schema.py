@@ -200,12 +200,13 @@ def function_file() -> Schema:
 
 def _effect(domain: Schema) -> Schema:
     attaches = {"enum": list(ATTACHES)}
-    return _object({
+    one = _object({
         "class": TEXT, "description": TEXT, "attaches": {"anyOf": [attaches, {"type": "array", "items": attaches}]},
-        "amplitude": {"anyOf": [WORDS, _each(TEXT)]}, "search_range": _each(TEXT), "also": _each(domain), "replaces": TEXT,
+        "amplitude": {"anyOf": [WORDS, _each(TEXT)]}, "search_range": _each(TEXT), "also": _each(domain), "replaces": WORDS,
         "start": _each(FORMULA), "settled": WORDS,
         "meaning": _said("the effect in a sentence with fields, `Dry friction of {F_c} {place}.`")},
         ["class", "description"], "that it may be what another diagram lacks")
+    return {"anyOf": [one, {"type": "array", "items": one}]}
 
 
 # -- parts of them ---------------------------------------------------------------------------------------------------

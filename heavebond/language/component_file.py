@@ -89,7 +89,7 @@ class _Parser:
             restrictions=reading.text(root.items.get("restrictions"), "restrictions", problems),
             source=reading.text(root.items.get("source"), "source", problems),
             symbol=reading.text(root.items.get("symbol"), "symbol", problems),
-            effect=effects.effect(root.items.get("effect")),
+            effects=effects.effects(root.items.get("effect")),
             sliding=self._sliding(root.items.get("sliding"), parameters, variables),
             placeholder=reading.text(root.items.get("placeholder"), "placeholder", problems),
             units_checked=self._units_checked(root.items.get("units")),

@@ -185,9 +185,10 @@ class Effect:
     kind: what a finding is called, the same for all laws of a kind; attaches: where it may stand (see ATTACHES);
     amplitude: parameters that are zero where the effect is absent (None), or that have no such value and are sought
     within a range; shapes: the other parameters that are sought; also: further ports and the domain on whose nodes they
-    are tried; replaces: the component whose place it takes, `start` giving its parameters by those of the `old` one;
-    settled: variables (`v`) and rates (`der(v)`) that are zero at the start of a record, as far as that is open: a
-    machine that runs already; meaning: what the effect does, with its values, in a sentence.
+    are tried; replaces: the components whose place it takes, `start` giving its parameters by those of the `old` one: an
+    amplitude under `start` is absent at that value instead of zero; settled: variables (`v`) and rates (`der(v)`) that are
+    zero at the start of a record, as far as that is open: a machine that runs already; meaning: what the effect does, with
+    its values, in a sentence.
     """
 
     kind: str
@@ -196,7 +197,7 @@ class Effect:
     amplitude: dict[str, SearchRange | None]
     shapes: dict[str, SearchRange]
     also: dict[str, str]
-    replaces: str
+    replaces: tuple[str, ...]
     start: dict[str, Formula]
     settled: tuple[str, ...]
     place: Place
@@ -412,13 +413,22 @@ class Component:
     restrictions: str = ""
     source: str = ""
     symbol: str = ""
-    effect: Effect | None = None
+    effects: tuple[Effect, ...] = ()
     sliding: dict[str, float] = field(default_factory=dict)
     placeholder: str = ""  # why its law is missing: it stands for something that was not translated
     units_checked: bool = True  # False: the equations are between numbers in SI, as in an imported component
     foreign: Foreign | None = None
     extends: tuple[str, ...] = ()
     values: dict[str, Value] = field(default_factory=dict)
+
+    @property
+    def effect(self) -> Effect | None:
+        """The first of its effects; None without one."""
+        return self.effects[0] if self.effects else None
+
+    def effect_of(self, attaches: str, old: str = "") -> Effect | None:
+        """Its effect that attaches in a way, or that takes the place of the component `old`; None without one."""
+        return next((e for e in self.effects if attaches in e.attaches or old in e.replaces), None)
 
     def is_a(self, kind: str) -> bool:
         """Whether it is the component of that name, or extends it."""

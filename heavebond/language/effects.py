@@ -25,7 +25,7 @@ from heavebond.language.definition import (
 )
 from heavebond.text.dimensions import number_dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name, names, parse_formula
-from heavebond.text.yaml_source import Mapping, Node, Scalar
+from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence
 
 KEYS = ("class", "description", "attaches", "amplitude", "search_range", "also", "replaces", "start", "settled",
         "meaning")
@@ -96,8 +96,12 @@ class EffectReader:
     variables: Dictionary[str, Variable]
     problems: Problems
 
-    def effect(self, node: Node | None) -> Effect | None:
-        """The `effect:` entry; problems are noted with their places."""
+    def effects(self, node: Node | None) -> tuple[Effect, ...]:
+        """The `effect:` entry, or a list of them; problems are noted with their places."""
+        entries = node.items if isinstance(node, Sequence) else [node]
+        return tuple(effect for entry in entries if (effect := self._effect(entry)) is not None)
+
+    def _effect(self, node: Node | None) -> Effect | None:
         entry = reading.mapping(node, "effect", self.problems)
         if entry is None:
             return None
@@ -107,8 +111,8 @@ class EffectReader:
         found = Effect(
             reading.text(entry.items.get("class"), "class", self.problems),
             reading.text(entry.items.get("description"), "description", self.problems), attaches,
-            self._amplitude(entry.items.get("amplitude")), self._shapes(entry.items.get("search_range"), "search_range"),
-            also, reading.text(entry.items.get("replaces"), "replaces", self.problems),
+            self._amplitude(entry), self._shapes(entry.items.get("search_range"), "search_range"), also,
+            tuple(word.text for word in reading.words(entry.items.get("replaces"), "replaces", self.problems)),
             self._start(entry.items.get("start")), self._settled(entry.items.get("settled")), entry.place,
             read_meaning(entry.items.get("meaning"), self.problems))
         self._check(entry)
@@ -161,15 +165,17 @@ class EffectReader:
                               hint=suggest(name, self.parameters) or f"Parameters: {listing(self.parameters)}.")
         return found
 
-    def _amplitude(self, node: Node | None) -> dict[str, SearchRange | None]:
+    def _amplitude(self, entry: Mapping) -> dict[str, SearchRange | None]:
+        node, starts = entry.items.get("amplitude"), _named(entry.items.get("start"))
         if isinstance(node, Mapping):
             return dict(self._shapes(node, "amplitude"))
         found: dict[str, SearchRange | None] = {}
         for word in reading.words(node, "amplitude", self.problems):
             parameter = self._parameter(word.text, word.place)
-            if parameter is not None and ((parameter.low or 0) > 0 or (parameter.high or 0) < 0):
+            if parameter is not None and word.text not in starts and ((parameter.low or 0) > 0 or (parameter.high or 0) < 0):
                 self.problems.add("effect-amplitude", f"'{word.text}' cannot be 0, which is where the effect is absent",
-                                  word.place, hint=f"Give its range: `amplitude: {{{word.text}: low .. high}}`.")
+                                  word.place, hint=f"Give its range, `amplitude: {{{word.text}: low .. high}}`, or the value at "
+                                  f"which it is absent: `start: {{{word.text}: old.{word.text}}}`.")
             elif parameter is not None:
                 found[word.text] = None
         return found

@@ -35,7 +35,7 @@ def extension(source: Source, base: Component, problems: Problems) -> Component:
     own = {key: reading.text(root.items.get(key), key, problems) for key in EXTENDING_KEYS if key != "set"}
     parameters = {key: replace(p, default=values.get(key, p.default)) for key, p in base.parameters.items()}
     # a variation of a law is no law of its own: a diagnosis tries the one that it extends
-    return replace(base, name=name, place=place, path=source.path, parameters=parameters, effect=None,
+    return replace(base, name=name, place=place, path=source.path, parameters=parameters, effects=(),
                    extends=(base.name, *base.extends),
                    values={**base.values, **{key: value for key, value in values.items() if "[" in key}},
                    summary=own["summary"], restrictions=own["restrictions"] or base.restrictions,

@@ -32,8 +32,9 @@ def physics(candidate: Candidate, library: Library, values: Mapping[str, float],
     """
     component = library.component(candidate.component)
     found = {p.name: p for p in fitted}
+    effect = component.effect_of(candidate.attaches, candidate.old)
     meaning = component.parameters[candidate.name.rpartition(".")[2]].meaning if candidate.attaches == "in" else \
-        component.effect.meaning if component.effect is not None else None
+        effect.meaning if effect is not None else None
     if meaning is None:
         return _described(candidate, values, found)
     places = _places(candidate)

@@ -239,7 +239,8 @@ def _levels(step: Stage, candidate: Candidate, kind: str, library: Library) -> t
 def _domain(candidate: Candidate, library: Library) -> Domain | None:
     """The domain of the ports of a law; None where it has several, or none."""
     component = library.component(candidate.component)
-    also = component.effect.also if component.effect is not None and candidate.attaches != "in" else {}
+    effect = component.effect_of(candidate.attaches, candidate.old)
+    also = effect.also if effect is not None else {}
     found = {p.domain for p in component.ports.values() if p.name not in also}
     return library.domains.get(next(iter(found))) if len(found) == 1 else None
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, count
 from math import sqrt
@@ -22,12 +22,12 @@ from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.parameters import formula_order
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment
-from heavebond.language.definition import Component, Effect, FileInput, Parameter, SearchRange, rate_of
+from heavebond.language.definition import Component, Effect, FileInput, Formula, Parameter, SearchRange, Value, rate_of
 from heavebond.language.edits import Change, Part
 from heavebond.language.effects import check_replacing
 from heavebond.language.lists import written_out
 from heavebond.numerics.dae import Assembly
-from heavebond.text.expression import parse_formula
+from heavebond.text.expression import names, parse_formula
 from heavebond.text.shapes import whole_number
 
 ALL_PAIRS = 40  # nodes of a domain up to which all pairs of them are places of effects
@@ -38,7 +38,8 @@ class EffectNumber:
     """A number of an effect: its full name, its unit, the bounds within which it is allowed, where it is sought (None:
     from `neutral`, as far as the record asks), and whether it makes the effect (an amplitude) or shapes it. `limits` are
     the bounds of the parameter itself (its `min` and `max`), beyond which it has no meaning; every other end of a range is
-    one of the search. `parts` are the further parts that have this number too (one law at several places)."""
+    one of the search. `neutral_of` is the formula of the diagram's parameters that gives the neutral value, of a law that
+    takes another one's place. `parts` are the further parts that have this number too (one law at several places)."""
 
     name: str
     unit: Unit
@@ -49,6 +50,7 @@ class EffectNumber:
     neutral: float = 0.0
     limits: tuple[float | None, float | None] = (None, None)
     parts: tuple[str, ...] = ()
+    neutral_of: str = ""
 
     @property
     def follows(self) -> str:
@@ -68,7 +70,8 @@ class Candidate:
     """One effect at one place: its component, what it is called (`kind`), where it stands in words and by the names of
     nodes, ports or outputs (`where`), and the change to the diagram that puts it there at its neutral value. `orders` are
     pairs of numbers of which the first must be above the second; `signal` is the signal input before which it stands.
-    `members` are the labels of the candidates at single places whose law stands at all of these places at once."""
+    `members` are the labels of the candidates at single places whose law stands at all of these places at once. `old` is the
+    kind of the part whose place it takes."""
 
     name: str
     component: str
@@ -82,6 +85,7 @@ class Candidate:
     orders: tuple[tuple[str, str], ...] = ()
     signal: str = ""
     members: tuple[str, ...] = ()
+    old: str = ""
 
     @property
     def label(self) -> str:
@@ -161,11 +165,11 @@ def single_candidates(experiment: Experiment, site: Site | None = None) -> list[
     site = site or site_of(experiment)
     found = list(_dormant(site))
     for component in experiment.model.library.effects():
-        assert component.effect is not None
-        for way in component.effect.attaches:
-            found += _WAYS[way](site, component, component.effect)
-        if component.effect.replaces:
-            found += _replacing(site, component, component.effect)
+        for effect in component.effects:
+            for way in effect.attaches:
+                found += _WAYS[way](site, component, effect)
+            for kind in effect.replaces:
+                found += _replacing(site, component, effect, kind)
     return found
 
 
@@ -477,28 +481,69 @@ def _behind_channel(site: Site, component: Component, effect: Effect) -> Iterato
                         numbers, "channel", _full(component, name))
 
 
-def _replacing(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]:
-    check_replacing(component, effect, site.experiment.model.library.component(effect.replaces, effect.place))
+def _replacing(site: Site, component: Component, effect: Effect, kind: str) -> Iterator[Candidate]:
+    """A law in place of a simpler one that it contains, with the values at which the two are equal."""
+    check_replacing(component, effect, site.experiment.model.library.component(kind, effect.place))
     for leaf in site.expanded.leaves.values():
-        if not leaf.component.is_a(effect.replaces) or leaf.path not in site.experiment.model.body.instances:
+        if not leaf.component.is_a(kind) or leaf.path not in site.experiment.model.body.instances:
             continue
-        values = {key: quantity(_evaluated(site, leaf, formula.text), component.parameters[key].unit)
-                  for key, formula in effect.start.items()}
-        numbers = _numbers(component, effect, leaf.path)
-        part = _part(component, numbers, values)
-        part = Part(part.kind, {**part.values, **values})
+        formulas = {key: re.sub(r"\bold\.", f"{leaf.path}.", formula.text) for key, formula in effect.start.items()}
+        values = {key: _evaluated(site.assembly, formula) for key, formula in formulas.items()}
+        numbers = {n.name.rpartition(".")[2]: n for n in _numbers(component, effect, leaf.path)}
+        for key, formula in formulas.items():
+            new = component.parameters[key]
+            if key in numbers:
+                numbers[key] = replace(numbers[key], neutral=values[key], neutral_of=formula)
+            elif formula != f"{leaf.path}.{key}" and _names(formula) & site.experiment.free.keys():
+                # a free parameter stays free under its new name
+                numbers[key] = EffectNumber(f"{leaf.path}.{key}", new.unit, new.low, new.high, None, True, values[key],
+                                            (new.low, new.high), neutral_of=formula)
+        part = _part(component, tuple(numbers.values()))
+        written = {key: (key not in numbers and _written(leaf, effect.start[key]))
+                   or quantity(value, component.parameters[key].unit) for key, value in values.items()}
         yield Candidate(leaf.path, component.name, effect.kind, effect.description, f"in place of {leaf.path}", (leaf.path,),
-                        Change({leaf.path: part}), numbers, "replaces", _full(component, leaf.path))
+                        Change({leaf.path: Part(part.kind, {**part.values, **written})}), tuple(numbers.values()),
+                        "replaces", _full(component, leaf.path), old=kind)
 
 
-def _evaluated(site: Site, leaf: Leaf, formula: str) -> float:
-    """A formula of the old component's parameters at their present values."""
-    text = re.sub(r"\bold\.", f"{leaf.path}.", formula)
-    expression = site.assembly.expression(parse_formula(text, units=False))
-    function = ca.Function("start", list(site.assembly.arguments), [expression])
-    zeros = [ca.DM.zeros(a.shape) for a in site.assembly.arguments]
-    zeros[3] = ca.DM(site.assembly.p)
+def _names(formula: str) -> set[str]:
+    """The names in a formula."""
+    return {name.text for name in names(parse_formula(formula, units=False))}
+
+
+def _written(leaf: Leaf, formula: Formula) -> str:
+    """A value that the old part takes from a formula of the diagram, as it is written in the diagram; empty if the new part
+    does not take just this value over."""
+    bound = leaf.parameters.get(formula.text.strip().removeprefix("old."))
+    if bound is None or not formula.text.strip().startswith("old.") or not isinstance(bound.value, Value) \
+            or not bound.value.formula or bound.scope.startswith(leaf.scope):
+        return ""
+    text = bound.value.text.removeprefix("=")
+    for name in sorted({n.text for n in names(bound.value.expr)} - {"time", "pi"}, key=len, reverse=True):
+        text = re.sub(rf"(?<![\w.]){re.escape(name)}(?![\w.])", f"{bound.scope}{name}", text)
+    return f"={text}"
+
+
+def _evaluated(assembly: Assembly, formula: str) -> float:
+    """A formula of the diagram's parameters at their present values."""
+    expression = assembly.expression(parse_formula(formula, units=False))
+    function = ca.Function("start", list(assembly.arguments), [expression])
+    zeros = [ca.DM.zeros(a.shape) for a in assembly.arguments]
+    zeros[3] = ca.DM(assembly.p)
     return float(function(*zeros))
+
+
+def at_values(candidate: Candidate, assembly: Assembly, values: Mapping[str, float]) -> Candidate:
+    """The candidate with the neutral values that follow from these values of the diagram's parameters (SI)."""
+    numbers = [n for n in candidate.numbers if n.neutral_of]
+    if not numbers:
+        return candidate
+    known = assembly.parameter_values
+    fitted = assembly.with_parameters({name: value for name, value in values.items() if name in known})
+    neutral = {n.name: _evaluated(fitted, n.neutral_of) for n in numbers}
+    return replace(candidate, change=candidate.change.with_values(
+        {n.name: quantity(neutral[n.name], n.unit) for n in numbers if n.sought is None}),
+        numbers=tuple(replace(n, neutral=neutral.get(n.name, n.neutral)) for n in candidate.numbers))
 
 
 _WAYS = {"across": _across, "at": _at, "in series": _in_series, "input": _before_input, "channel": _behind_channel}

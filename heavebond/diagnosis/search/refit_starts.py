@@ -122,9 +122,9 @@ class RefitStarts:
         found = {}
         for number in self.candidate.vanishing:
             scales = [self._scale(g) for g in self.guesses if number.name in g.along]
-            if not scales and self.guesses:
+            if not scales and self.guesses and not number.neutral_of:
                 continue
-            widest = WIDE * max(scales, default=1.0)
+            widest = WIDE * max(scales, default=abs(number.neutral) if number.neutral_of else 1.0)
             low = number.neutral - widest if number.low is None else max(number.low, number.neutral - widest)
             high = number.neutral + widest
             found[number.name] = (low, high if number.high is None else min(high, number.high))
@@ -142,13 +142,14 @@ class RefitStarts:
         neutral = self._neutral
         vanishing = list(neutral)
         # amplitudes that a guess does not move begin small: from an end of its range one finds no way
+        carried = {n.name: n.neutral for n in self.candidate.vanishing if n.neutral_of}
         little = {name: neutral[name] + (g.side or 1) * SMALL * self._scale(g) for g in self.guesses for name in g.along}
         plans = []
         for guess in sorted(self.guesses, key=lambda g: -g.gain)[:MOST_SHAPES]:
             right = bool(vanishing) and (guess.signed or guess.z > 0)
             size = guess.amplitude if right else (guess.side or 1) * 0.1 * self._scale(guess)
             point = np.clip(inside + guess.step, problem.low, problem.high) if right else inside
-            numbers = {**little, **{name: neutral[name] + size for name in guess.along}, **guess.shapes}
+            numbers = {**carried, **little, **{name: neutral[name] + size for name in guess.along}, **guess.shapes}
             # what must be above another amplitude begins there: at the same value its shapes would have no effect yet
             numbers.update({high: APART * numbers[low] for high, low in self.candidate.orders
                             if high in vanishing and low in vanishing})

@@ -224,10 +224,11 @@ def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping
 
 
 def _at_zero(base: Base, candidate: Candidate, moved: Mapping[str, Array], shapes: Mapping[str, float]) -> list[Score]:
-    """The scores at amplitude zero, where d r / d a is `moved`: amplitudes of one unit move together."""
-    together: dict[Dimension, list[str]] = {}
+    """The scores at amplitude zero, where d r / d a is `moved`: amplitudes of one unit move together. Those that have the
+    value of an old parameter instead of zero move alone: together they are another value of that parameter."""
+    together: dict[tuple[Dimension, str], list[str]] = {}
     for number in candidate.vanishing:
-        together.setdefault(number.unit.dimension, []).append(number.name)
+        together.setdefault((number.unit.dimension, number.name if number.neutral_of else ""), []).append(number.name)
     return [replace(_scored(base, candidate, shapes, np.sum([moved[name] for name in names], axis=0)), along=tuple(names))
             for names in together.values()]
 

@@ -16,7 +16,7 @@ import numpy as np
 from heavebond.core.cancellation import clear_signal
 from heavebond.core.errors import SimulationError
 from heavebond.core.progress import Progress
-from heavebond.diagnosis.candidates.catalogue import Candidate, single_candidates
+from heavebond.diagnosis.candidates.catalogue import Candidate, at_values, single_candidates
 from heavebond.diagnosis.candidates.fixed_values import fixed_values, is_calibration_error
 from heavebond.diagnosis.candidates.places import Places, between_all_nodes, candidates
 from heavebond.diagnosis.decision import DECISION
@@ -177,7 +177,9 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     errors = predictive_errors(base.problem, base.inner, base.exact, base.r)
     courses = _courses(base)
     as_one = _as_one(courses)
-    found = [c for c in found if always or _says_more(c, base, courses)]
+    first = base.problem.runs[0]
+    fitted = base.problem.values_of(base.inner, first.record.name)
+    found = [at_values(c, first.assembly, fitted) for c in found if always or _says_more(c, base, courses)]
     if distant:
         say("scoring effects between all nodes to first order")
     prescored = select(base, found, [c for c in distant if _says_more(c, base, courses)], as_one)
