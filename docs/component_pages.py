@@ -49,7 +49,8 @@ def pages() -> dict[str, str]:
             callers[function.name].append(component)
     functions = [known.functions[name] for name in sorted(known.functions)]
     found.update({f"functions/{f.name}.md": _function_page(f, callers[f.name], root) for f in functions})
-    return {"index.md": _index(domains, functions), "functions/index.md": _function_index(functions), **by_domain, **found}
+    laws = [c for components in domains.values() for c in components]
+    return {"index.md": _index(domains, functions), "generalisations.md": _generalisations(laws, root), "functions/index.md": _function_index(functions), **by_domain, **found}
 
 
 def write_pages(folder: Path) -> int:
@@ -74,8 +75,24 @@ def _index(domains: dict[str, list[Component]], functions: Sequence[Function]) -
                       "Every component of the library by domain. A component of your own is a file beside your diagram, see",
                       "[your own component](../tutorials/own_component.md).", "",
                       *_table(("domain", "components", "which"), rows), "",
+                      "Components that contain a simpler one are [generalisations](generalisations.md) of it.", "",
                       "Laws that several components share are [functions](functions/index.md): "
                       + ", ".join(f"[{f.name}](functions/{f.name}.md)" for f in functions) + "."]) + "\n"
+
+
+def _generalisations(components: Sequence[Component], root: Path) -> str:
+    """The laws that a diagnosis tries in place of a simpler one."""
+    pages = {c.name: f"[{c.name}]({c.path.resolve().relative_to(root).with_suffix('.md').as_posix()})" for c in components}
+    rows = [(pages[old], pages[c.name], effect.kind, ", ".join(f"`{k}` = {f.text}" for k, f in effect.start.items()),
+             ", ".join(f"`{name}`" + (f" {_sought(s)}" if s is not None else "") for name, s in
+                       (effect.amplitude or effect.shapes).items()))
+            for c in components for effect in c.effects for old in effect.replaces]
+    return "\n".join([GENERATED, "", "# Generalisations", "", "[All domains](index.md)", "",
+                      "Components that contain a simpler one. A [diagnosis](../diagnosis.md) tries each in place of the simpler "
+                      "one, beginning at the values at which the two laws are equal. Where the number that makes the effect has "
+                      "a range, they are equal in the limit at one of its ends.", "",
+                      *_table(("in place of", "component", "class", "equal at", "effect"),
+                              sorted(rows, key=lambda row: row[0]))]) + "\n"
 
 
 def _function_index(functions: Sequence[Function]) -> str:

@@ -288,7 +288,7 @@ def check_replacing(component: Component, effect: Effect, old: Component) -> Non
     known = [f"old.{name}" for name in old.parameters]
     for formula in effect.start.values():
         for name in names(formula.tree):
-            if name.text not in known:
+            if name.text not in (*known, "pi"):
                 problems.add("effect-start", f"'{name.text}' is no parameter of {old.name}", formula.place,
                              hint=suggest(name.text, known) or f"Write a formula of {listing(known)}.")
     problems.raise_as(ModelError)
