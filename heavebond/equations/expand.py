@@ -59,6 +59,8 @@ class _Opener:
         self.wires = Wires(self.leaves, self.unused, self.problems)
         self.settable: list[str] = []
         self.found: dict[str, Component] = {}
+        self.inside: dict[str, tuple[Instance, str]] = {}  # parts that take the place of those of blocks, and their scopes
+        self.scopes: dict[str, str] = {}
         self.sheets: dict[str, list[str]] = {}
 
     def top(self) -> None:
@@ -73,6 +75,9 @@ class _Opener:
         self._body(model.body, "", None, {}, ())
         self._unused_settings()
         self.wires.inside_blocks()
+        for path, (instance, _) in self.inside.items():
+            self.problems.add("part-unknown", f"there is no part '{path}' inside a block", instance.place,
+                              hint=suggest(path, self.leaves) or f"Parts: {listing(self.leaves)}.")
 
     def _setting(self, path: str) -> Setting | None:
         self.settable.append(path)
@@ -100,6 +105,7 @@ class _Opener:
     # -- one level -------------------------------------------------------------------------------------------------
     def _body(self, body: Body, prefix: str, owner: Component | None, integers: dict[str, int],
               kinds: tuple[str, ...]) -> None:
+        body = self._with_parts_of_outside(body, prefix)
         numbers = integers if prefix else {**self._top_integers(), **integers}
         body = repeated(body, numbers, lambda instance: self._component(instance, kinds), self.problems)
         self._name_clashes(body, owner)
@@ -115,6 +121,16 @@ class _Opener:
             self._instance(body.instances[name], component, prefix, integers, kinds, sheets)
             for sheet in sheets:
                 self.sheets.setdefault(sheet.path, []).extend(sheet.takers)
+
+    def _with_parts_of_outside(self, body: Body, prefix: str) -> Body:
+        """A body with the parts that a diagram or block around it puts in the place of its own; the outermost counts."""
+        for path, instance in body.inside.items():
+            self.inside.setdefault(prefix + path, (instance, prefix))
+        instances = dict(body.instances)
+        for name in instances:
+            if (other := self.inside.pop(prefix + name, None)) is not None:
+                instances[name], self.scopes[prefix + name] = replace(other[0], name=name), other[1]
+        return replace(body, instances=instances)
 
     def _component(self, instance: Instance, kinds: tuple[str, ...]) -> Component | None:
         try:
@@ -203,7 +219,7 @@ class _Opener:
         if setting is not None:
             return Bound(setting.value, "", setting.place)
         given = instance.settings.get(name)
-        return None if given is None else Bound(given, prefix, given.place)
+        return None if given is None else Bound(given, self.scopes.get(path, prefix), given.place)
 
     def _given_whole(self, instance: Instance, name: str, prefix: str, path: str) -> Bound | None:
         """What is given to an element of a vector of inputs by the name of the whole: `u: =filter.y`, or one number."""
@@ -213,7 +229,8 @@ class _Opener:
         if not isinstance(given, Value):
             return None
         self.unused.pop(f"{path}.{base}", None)
-        return Bound(shared(given, base, name), "" if setting is not None else prefix, given.place)
+        return Bound(shared(given, base, name), "" if setting is not None else self.scopes.get(path, prefix),
+                     given.place)
 
     @staticmethod
     def _told(told: dict[str, int], name: str, instance: Instance) -> Bound | None:

@@ -27,9 +27,23 @@ class Wires:
         self.extra_places: dict[str, Place] = {}
         # ports that a misspelt end most likely meant, and parts with such an end: not reported as unconnected as well
         self.meant: set[str] = set()
+        # ports of parts inside blocks that a node outside them joins, and ends taken off nodes inside blocks, by node
+        self.outside: dict[str, Place] = {}
+        self.removed: dict[str, dict[str, Place]] = {}
 
     def inside_blocks(self) -> None:
-        """No wire to a node inside a block is left over."""
+        """No wire to a node or port inside a block is left over."""
+        for name, place in self.outside.items():
+            leaf = self.leaves.get(name.rpartition(".")[0])
+            if leaf is None or name.rpartition(".")[2] not in (*leaf.component.ports, *leaf.component.signals):
+                choices = [f"{path}.{p}" for path, one in self.leaves.items() if "." in path
+                           for p in (*one.component.ports, *one.component.signals)]
+                self.problems.add("end-unknown", f"there is no port '{name}' inside a block", place,
+                                  hint=suggest(name, choices) or f"Ports: {listing(choices)}.")
+        for node, ends in self.removed.items():
+            for name, place in ends.items():
+                self.problems.add("node-end-unknown", f"'{name}' is not on node '{node}'", place,
+                                  hint=suggest(node, self.junctions) or f"Nodes: {listing(self.junctions)}.")
         for path in self.extra:
             self.problems.add("node-unknown", f"there is no node '{path}' inside a block", self.extra_places[path],
                               hint=suggest(path, self.junctions) or f"Nodes: {listing(self.junctions)}.")
@@ -42,10 +56,18 @@ class Wires:
             if not wire.ends:
                 self.problems.add("node-empty", f"node '{wire.name}' joins nothing", wire.place,
                                   hint=f"Write its ports, `{wire.name}: [spring.a, wall.a]`, or remove the line.")
+            gone = self.removed.get(prefix + wire.name, {})
             for end in wire.ends:
-                found = self._end(end, prefix, owner, known, body)
-                if found is None:
+                if end.path.startswith("-"):  # taken off a node inside a block
+                    self.removed.setdefault(prefix + wire.name, {})[prefix + end.path[1:]] = end.place
                     continue
+                found = self._end(end, prefix, owner, known, body)
+                if found is None or ("." not in wire.name and gone.pop(found.name, None) is not None):
+                    continue
+                if found.name in self.outside and found.leaf in {prefix + name for name in known}:
+                    outer = self.outside[found.name]
+                    self.problems.add("port-on-two-nodes", f"'{found.name}' is on node '{prefix}{wire.name}' of its block",
+                                      outer, hint=f"Take it off: `{prefix}{wire.name}: [-{found.name}]`.")
                 if found.name in on:
                     node, first = on[found.name]
                     twice = node == wire.name
@@ -78,6 +100,10 @@ class Wires:
         if component is None or not port:
             self._bad_end(end, prefix, known, owner)
             return None
+        if component.composite and "." in port:  # a part inside the block
+            leaf, _, port = f"{prefix}{end.path}".rpartition(".")
+            self.outside[f"{leaf}.{port}"] = end.place
+            return PortEnd(leaf, port, 1, end.place)
         base = port.partition("[")[0]
         if base not in component.ports and base not in component.signals:
             choices = [*component.ports, *component.signals]
@@ -110,7 +136,7 @@ class Wires:
         path = prefix + instance.name
         for port in component.ports.values():
             self.ports[f"{path}.{port.name}"] = port
-            joined = f"{path}.{port.name}" in on or f"{path}.{port.name}" in self.meant
+            joined = f"{path}.{port.name}" in {*on, *self.meant, *self.outside}
             if port.count is None and not joined:
                 self.problems.add("port-unconnected", f"port '{instance.name}.{port.name}' is on no node",
                                   instance.place, hint=f"Add `{instance.name}.{port.name}` to a node; a free end is "
@@ -120,7 +146,7 @@ class Wires:
                 self.signals[f"{path}.{name}"] = signal
                 given = name in instance.settings or f"{path}.{name}" in self.unused
                 self._input(instance.name, signal, instance.place, given or f"{path}.{name}" in on
-                            or f"{path}.{name}" in self.meant)
+                            or f"{path}.{name}" in {*self.meant, *self.outside})
 
     def _input(self, part: str, signal: SignalPort, place: Place, driven: bool) -> None:
         """An input has a value, or is on a node."""

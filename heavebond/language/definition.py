@@ -348,10 +348,12 @@ class Wire:
 
 @dataclass(frozen=True)
 class Body:
-    """Instances and the wires between them."""
+    """Instances and the wires between them; `inside` are parts of blocks by their paths (`ahc.pump`) whose place others
+    take."""
 
     instances: dict[str, Instance] = field(default_factory=dict)
     wires: dict[str, Wire] = field(default_factory=dict)
+    inside: dict[str, Instance] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

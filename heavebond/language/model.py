@@ -126,7 +126,7 @@ class Model:
             end = End(f"{name}.{port}", place)
             old = joined.get(node)
             joined[node] = replace(old, ends=(*old.ends, end)) if old else Wire(node, (end,), place)
-        return replace(self, body=Body(instances, joined))
+        return replace(self, body=replace(self.body, instances=instances, wires=joined))
 
 
 def _python_value(path: str, given: float | str) -> Value:
@@ -309,7 +309,7 @@ def _joined_library(folder: Path, inherited: Library) -> Library:
 def _changed(base: Model, source: Source, problems: Problems) -> Model:
     root = source.root
     body = reading.body(root, source, problems)
-    instances = {**base.body.instances, **body.instances}
+    instances, inside = {**base.body.instances, **body.instances}, {**base.body.inside, **body.inside}
     wires = _wires(base.body.wires, body.wires, extends="extends" in root.items, problems=problems)
     for word in reading.words(root.items.get("remove"), "remove", problems):
         if word.text not in instances:
@@ -317,7 +317,8 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
                          hint=suggest(word.text, instances) or f"Components: {listing(instances)}.")
             continue
         del instances[word.text]
-        wires = {n: replace(w, ends=tuple(e for e in w.ends if e.path.split(".")[0] != word.text))
+        inside = {path: part for path, part in inside.items() if path.split(".")[0] != word.text}
+        wires = {n: replace(w, ends=tuple(e for e in w.ends if e.path.lstrip("-").split(".")[0] != word.text))
                  for n, w in wires.items()}
         wires = {n: w for n, w in wires.items() if w.ends}
     parameters = {**base.parameters, **_values(root.items.get("parameters"), "parameters", problems)}
@@ -325,7 +326,7 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
     return replace(
         base, name=reading.text(root.items["model"], "model", problems), path=source.path,
         summary=reading.text(root.items.get("summary"), "summary", problems) or base.summary,
-        parameters=parameters, body=Body(instances, wires),
+        parameters=parameters, body=Body(instances, wires, inside),
         settings={**_kept_settings(base, body), **read_settings(root.items.get("set"), source, problems)},
         initial=read_initial(root.items.get("initial"), base.initial, problems),
         nominal={**base.nominal, **read_nominal(root.items.get("nominal"), problems)},
@@ -341,8 +342,9 @@ def _kept_settings(base: Model, body: Body) -> dict[str, Setting]:
     has no such parameter."""
     def lost(path: str) -> bool:
         owner, _, parameter = path.partition("[")[0].rpartition(".")
-        before, after = base.body.instances.get(owner), body.instances.get(owner)
-        if before is None or after is None or before.kind == after.kind or after.kind not in base.library.files:
+        before, after = base.body.instances.get(owner), body.instances.get(owner) or body.inside.get(owner)
+        if after is None or after.kind not in base.library.files or (
+                before.kind == after.kind if before is not None else owner not in body.inside):
             return False
         return parameter not in base.library.component(after.kind).parameters
 
@@ -385,7 +387,9 @@ def _wires(old: dict[str, Wire], new: dict[str, Wire], *, extends: bool, problem
 def _change_ends(ends: list[End], end: End, node: str, problems: Problems) -> None:
     if end.path.startswith("-"):
         kept = [e for e in ends if e.path != end.path[1:]]
-        if len(kept) == len(ends):
+        if len(kept) == len(ends) and "." in node:  # of a block: its file has the ends
+            kept.append(end)
+        elif len(kept) == len(ends):
             problems.add("node-end-unknown", f"'{end.path[1:]}' is not on node '{node}'", end.place,
                          hint=suggest(end.path[1:], [e.path for e in ends]) or
                          (f"On it: {listing(e.path for e in ends)}." if ends else f"There is no node '{node}' yet."))

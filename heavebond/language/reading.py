@@ -295,14 +295,16 @@ def sizes(node: Mapping, problems: Problems) -> tuple[Expr | None, ...]:
 def body(node: Mapping, source: Source, problems: Problems) -> Body:
     """`components:` and `nodes:` of a diagram or a block."""
     instances: dict[str, Instance] = {}
+    inside: dict[str, Instance] = {}
     parts = mapping(node.items.get("components"), "components", problems,
                     "Write one part a line: `spring: {is: Spring, c: 1 kN/m}`.")
     for name, entry in (parts.items if parts else {}).items():
         key = parts.keys[name] if parts else None
-        if key is not None and identifier(key, "a component", problems):
+        if key is not None and all(identifier(replace(key, text=part), "a component", problems)
+                                   for part in name.split(".")):
             found = instance(key, entry, source, problems)
             if found:
-                instances[name] = found
+                (inside if "." in name else instances)[name] = found
     wires: dict[str, Wire] = {}
     nodes = mapping(node.items.get("nodes"), "nodes", problems, "Write one node a line: `ground: [wall.a, spring.a]`.")
     for name, entry in (nodes.items if nodes else {}).items():
@@ -310,7 +312,7 @@ def body(node: Mapping, source: Source, problems: Problems) -> Body:
         ends = tuple(End(s.text, s.place) for s in words(entry, f"node '{name}'", problems))
         if key is not None and all(identifier(replace(key, text=part), "a node", problems) for part in name.split(".")):
             wires[name] = Wire(name, ends, key.place)
-    return Body(instances, wires)
+    return Body(instances, wires, inside)
 
 
 def instance(key: Scalar, node: Node, source: Source, problems: Problems) -> Instance | None:
