@@ -148,7 +148,8 @@ class _Reader:
             self._net(path)
 
     def _net(self, path: str) -> None:
-        """Sort the ends of a node: those on its own sheet, and those that stand further out (`block.node: [+leak.a]`)."""
+        """Sort the ends of a node: those on its own sheet, those further out (`block.node: [+leak.a]`), and those inside a
+        block (`node: [block.part.a]`)."""
         junction, scope = self.expanded.junctions[path], _owner(path)
         domain = self._domain(path)
         own: list[tuple[str, str]] = []
@@ -158,6 +159,8 @@ class _Reader:
             ends = own if home == scope else outside.setdefault(home, [])
             ends.append((end.leaf.rpartition(".")[2], end.port) if end.sign > 0 else ("", end.port))
         name = _base(path).rpartition(".")[2]
+        for home in [home for home in outside if home.startswith(f"{scope}." if scope else "") and home]:
+            own.append(self._inwards(path, name, domain, home, outside.pop(home)))
         self._outwards(path, domain, outside)
         if outside:
             own.append(("", f":{name}"))
@@ -194,6 +197,16 @@ class _Reader:
             label = "" if scope in self.opened else name
             self.nets.setdefault(level, []).append(Net(path, label, domain, tuple(ends)))
             block = level
+
+    def _inwards(self, path: str, name: str, domain: str, home: str, ends: list[tuple[str, str]]) -> tuple[str, str]:
+        """The node on the sheets from that of its `ends` up to its own; the block and port that join it there."""
+        scope, port, first = _owner(path), f":{name}", True
+        while home != scope:
+            self.extra.setdefault(home, {})[port] = domain
+            inner = Net(path, name if first else "", domain, (*ends, ("", port)))
+            self.nets.setdefault(home, []).append(inner)
+            ends, home, first = [(home.rpartition(".")[2], port)], _owner(home), False
+        return ends[0]
 
     def _domain(self, path: str) -> str:
         index = self.network.group_of_node.get(path)

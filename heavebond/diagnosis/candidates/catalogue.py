@@ -375,11 +375,24 @@ def _at(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]
 
 
 def _own_wire(site: Site, port: str) -> str | None:
-    """The node, as the diagram itself writes it, on which a port of a part of the diagram stands."""
+    """The node on which a port stands, by its path, as the diagram or the file of the block around the port writes it."""
     for wire in site.experiment.model.body.wires.values():
         if any(end.path == port for end in wire.ends):
             return wire.name
+    part, _, name = port.rpartition(".")
+    block, _, inner = part.rpartition(".")
+    around = site.expanded.leaves.get(block) if block else None
+    for wire in around.component.body.wires.values() if around is not None else ():
+        if any(end.path == f"{inner}.{name}" for end in wire.ends):
+            return f"{block}.{wire.name}"
     return None
+
+
+def _is_written(site: Site, path: str) -> bool:
+    """Whether a part is one that the diagram, or the file of the block around it, names."""
+    block, _, name = path.rpartition(".")
+    body = site.expanded.leaves[block].component.body if block else site.experiment.model.body
+    return name in body.instances
 
 
 def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]:
@@ -399,7 +412,7 @@ def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Can
             done.add(group.name)
             name = fresh(site, snake(component.name))
             numbers = _numbers(component, effect, name)
-            between = fresh(site, f"{leaf.path}_{port.name}")
+            between = fresh(site, f"{leaf.path}_{port.name}".replace(".", "_"))
             ends = {wire: (f"-{path}", f"+{name}.{first.name}"), between: (path, f"{name}.{second.name}")}
             place = f"between {group.name} and {path}"
             yield Candidate(name, component.name, effect.kind, effect.description, place, (group.name, leaf.path),
@@ -485,7 +498,7 @@ def _replacing(site: Site, component: Component, effect: Effect, kind: str) -> I
     """A law in place of a simpler one that it contains, with the values at which the two are equal."""
     check_replacing(component, effect, site.experiment.model.library.component(kind, effect.place))
     for leaf in site.expanded.leaves.values():
-        if not leaf.component.is_a(kind) or leaf.path not in site.experiment.model.body.instances:
+        if not leaf.component.is_a(kind) or not _is_written(site, leaf.path):
             continue
         formulas = {key: re.sub(r"\bold\.", f"{leaf.path}.", formula.text) for key, formula in effect.start.items()}
         values = {key: _evaluated(site.assembly, formula) for key, formula in formulas.items()}
