@@ -203,7 +203,7 @@ def _effect(domain: Schema) -> Schema:
     one = _object({
         "class": TEXT, "description": TEXT, "attaches": {"anyOf": [attaches, {"type": "array", "items": attaches}]},
         "amplitude": {"anyOf": [WORDS, _each(TEXT)]}, "search_range": _each(TEXT), "also": _each(domain), "replaces": WORDS,
-        "start": _each(FORMULA), "settled": WORDS,
+        "start": _each(FORMULA), "settled": WORDS, "requires": _each(WORDS), "acts": FORMULA,
         "meaning": _said("the effect in a sentence with fields, `Dry friction of {F_c} {place}.`")},
         ["class", "description"], "that it may be what another diagram lacks")
     return {"anyOf": [one, {"type": "array", "items": one}]}

@@ -188,7 +188,8 @@ class Effect:
     are tried; replaces: the components whose place it takes, `start` giving its parameters by those of the `old` one: an
     amplitude under `start` is absent at that value instead of zero; settled: variables (`v`) and rates (`der(v)`) that are
     zero at the start of a record, as far as that is open: a machine that runs already; meaning: what the effect does, with
-    its values, in a sentence.
+    its values, in a sentence; requires: kinds of components of which one must stand on the node of a port, or that a
+    variable REVERSES in the records; acts: a quantity that is above zero while the effect acts.
     """
 
     kind: str
@@ -202,7 +203,11 @@ class Effect:
     settled: tuple[str, ...]
     place: Place
     meaning: Meaning | None = None
+    requires: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    acts: Formula | None = None
 
+
+REVERSES = "reverses"  # what `requires:` asks of a variable: that it does not move in one direction only
 
 # between two nodes; on a node; between a port and its node; before a signal input; behind a measured output
 ATTACHES = ("across", "at", "in series", "input", "channel")

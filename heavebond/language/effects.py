@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Container
 from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass
 
-from heavebond.core.errors import ModelError, Place, Problems, either, listing, suggest
+from heavebond.core.errors import ModelError, Place, Problem, Problems, either, listing, suggest
 from heavebond.core.units import Range, Unit, UnitProblem, check_unit, is_generic, parse_range
 from heavebond.language import reading
 from heavebond.language.definition import (
     ATTACHES,
     HELD,
+    REVERSES,
     Component,
     Effect,
     Formula,
@@ -28,7 +30,7 @@ from heavebond.text.expression import Expr, ExpressionProblem, Name, names, pars
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence
 
 KEYS = ("class", "description", "attaches", "amplitude", "search_range", "also", "replaces", "start", "settled",
-        "meaning")
+        "meaning", "requires", "acts")
 
 
 def read_search_range(node: Node | None, unit: Unit, variables: Dictionary[str, Variable], what: str, problems: Problems
@@ -114,7 +116,8 @@ class EffectReader:
             self._amplitude(entry), self._shapes(entry.items.get("search_range"), "search_range"), also,
             tuple(word.text for word in reading.words(entry.items.get("replaces"), "replaces", self.problems)),
             self._start(entry.items.get("start")), self._settled(entry.items.get("settled")), entry.place,
-            read_meaning(entry.items.get("meaning"), self.problems))
+            read_meaning(entry.items.get("meaning"), self.problems),
+            self._requires(entry.items.get("requires")), self._acts(entry.items.get("acts")))
         self._check(entry)
         self._check_meaning(found.meaning, () if found.replaces else tuple(self.ports))
         return found
@@ -240,6 +243,32 @@ class EffectReader:
             except ExpressionProblem as problem:
                 self.problems.add(problem.code, problem.message, meaning.place, hint=problem.hint)
 
+    def _requires(self, node: Node | None) -> dict[str, tuple[str, ...]]:
+        """Kinds of components on the node of a port, or `reverses` of a variable."""
+        found = {}
+        for key, item in self._entries(node, "requires"):
+            kinds = tuple(word.text for word in reading.words(item, key.text, self.problems))
+            if key.text not in {**self.ports, **self.variables}:
+                self.problems.add("effect-requires", f"'{key.text}' is no port or variable of this component", key.place,
+                                  hint=suggest(key.text, {**self.ports, **self.variables}) or self._has())
+            elif key.text in self.variables and kinds != (REVERSES,):
+                self.problems.add("effect-requires", f"of a variable an effect may require that it `{REVERSES}`", item.place,
+                                  hint=f"Write `requires: {{{key.text}: {REVERSES}}}`.")
+            else:
+                found[key.text] = kinds
+        return found
+
+    def _acts(self, node: Node | None) -> Formula | None:
+        """A formula of the component's own parameters, variables and signals."""
+        formula = reading.formula_of(node, "acts", self.problems) if node is not None else None
+        known = {**self.parameters, **self.variables, **self.signals}
+        for name in names(formula.tree) if formula is not None else ():
+            if name.text not in known and name.text.partition(".")[0] not in self.ports:
+                self.problems.add("effect-acts", f"'{name.text}' is no variable of this component",
+                                  formula.place if formula is not None else None,
+                                  hint=suggest(name.text, known) or f"Variables: {listing(known)}.")
+        return formula
+
     def _check(self, entry: Mapping) -> None:
         """What is left out; an entry that is there but wrong has been told already."""
         problems, place = self.problems, entry.place
@@ -276,6 +305,14 @@ def _named(node: Node | None) -> list[str]:
     if isinstance(node, Mapping):
         return list(node.items)
     return [word.text for word in reading.words(node, "amplitude", Problems())]
+
+
+def check_required(component: Component, effect: Effect, kinds: Container[str]) -> None:
+    """ModelError where an effect requires a kind of component that there is not."""
+    for port, required in effect.requires.items():
+        for kind in required if port in component.ports else ():
+            if kind not in kinds:
+                raise ModelError([Problem("effect-requires", f"there is no component '{kind}'", effect.place)])
 
 
 def check_replacing(component: Component, effect: Effect, old: Component) -> None:

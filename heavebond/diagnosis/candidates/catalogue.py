@@ -12,22 +12,34 @@ from collections import deque
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, count
-from math import sqrt
+from math import isfinite, sqrt
 
 import casadi as ca
 
+from heavebond.core.errors import listing
 from heavebond.core.units import Dimension, Unit, dimension_text, is_generic, read_unit, solved
 from heavebond.equations.connect import Group, Network, connect
 from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.parameters import formula_order
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment
-from heavebond.language.definition import Component, Effect, FileInput, Formula, Parameter, SearchRange, Value, rate_of
+from heavebond.language.definition import (
+    REVERSES,
+    Component,
+    Effect,
+    FileInput,
+    Formula,
+    Parameter,
+    SearchRange,
+    Value,
+    rate_of,
+)
 from heavebond.language.edits import Change, Part
-from heavebond.language.effects import check_replacing
+from heavebond.language.effects import check_replacing, check_required
+from heavebond.language.library import is_bundled
 from heavebond.language.lists import written_out
 from heavebond.numerics.dae import Assembly
-from heavebond.text.expression import names, parse_formula
+from heavebond.text.expression import Name, Number, names, parse_formula
 from heavebond.text.shapes import whole_number
 
 ALL_PAIRS = 40  # nodes of a domain up to which all pairs of them are places of effects
@@ -71,7 +83,8 @@ class Candidate:
     nodes, ports or outputs (`where`), and the change to the diagram that puts it there at its neutral value. `orders` are
     pairs of numbers of which the first must be above the second; `signal` is the signal input before which it stands.
     `members` are the labels of the candidates at single places whose law stands at all of these places at once. `old` is the
-    kind of the part whose place it takes."""
+    kind of the part whose place it takes. `acts` is a quantity of the diagram that is above zero while the effect acts;
+    `reverses`: only where the motion turns back."""
 
     name: str
     component: str
@@ -86,6 +99,8 @@ class Candidate:
     signal: str = ""
     members: tuple[str, ...] = ()
     old: str = ""
+    acts: str = ""
+    reverses: bool = False
 
     @property
     def label(self) -> str:
@@ -111,7 +126,8 @@ class Candidate:
 @dataclass(frozen=True)
 class Site:
     """A diagram in which effects are to be placed; `taken` are names that are not free besides those of the diagram; with
-    `apart` every name that is given is taken from then on."""
+    `apart` every name that is given is taken from then on. `excluded` collects the labels of effects that are no candidates,
+    and why."""
 
     experiment: Experiment
     assembly: Assembly
@@ -119,6 +135,7 @@ class Site:
     network: Network
     taken: set[str] = field(default_factory=set)
     apart: bool = False
+    excluded: dict[str, str] = field(default_factory=dict)
 
     @property
     def nodes(self) -> dict[str, list[Group]]:
@@ -166,11 +183,41 @@ def single_candidates(experiment: Experiment, site: Site | None = None) -> list[
     found = list(_dormant(site))
     for component in experiment.model.library.effects():
         for effect in component.effects:
-            for way in effect.attaches:
-                found += _WAYS[way](site, component, effect)
-            for kind in effect.replaces:
-                found += _replacing(site, component, effect, kind)
+            check_required(component, effect, experiment.model.library.files)
+            made = [c for way in effect.attaches for c in _WAYS[way](site, component, effect)]
+            made += [c for kind in effect.replaces for c in _replacing(site, component, effect, kind)]
+            found += _where_meaningful(site, component, effect, made)
+    blocks = [path for path, leaf in site.expanded.leaves.items() if leaf.component.composite and any(
+        s.direction == "in" for name in leaf.component.body.instances
+        if (part := site.expanded.leaves.get(f"{path}.{name}")) is not None for s in part.component.signals.values())]
+    site.excluded.update({f"effects of signals inside {path}": "inputs of parts inside a block are not tried"
+                          for path in blocks})
     return found
+
+
+def _where_meaningful(site: Site, component: Component, effect: Effect, made: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates of an effect at places that have what it requires, with the conditions under which it acts."""
+    acts = effect.acts
+    if acts is not None:
+        made = [replace(c, acts=component.in_diagram(acts, c.name)) for c in made]
+    if any(REVERSES in required for required in effect.requires.values()):
+        made = [replace(c, reverses=True) for c in made]
+    reasons = {c.label: _lacking(site, component, effect, c) for c in made} if effect.requires else {}
+    site.excluded.update({label: reason for label, reason in reasons.items() if reason})
+    return [c for c in made if not reasons.get(c.label)]
+
+
+def _lacking(site: Site, component: Component, effect: Effect, candidate: Candidate) -> str:
+    """What the place of a candidate lacks of what its effect requires; empty where it has all. A component of the user's own
+    that stores something may be of any kind."""
+    for port, kinds in effect.requires.items():
+        node = next((node for node, ends in candidate.change.nodes.items() if f"+{candidate.name}.{port}" in ends), "")
+        parts = [leaf.component for leaf in site.expanded.leaves.values() for p in leaf.component.ports.values()
+                 if p.count is None and site.group(f"{leaf.path}.{p.name}").name == node]
+        if port in component.ports and not any(part.is_a(kind) for part in parts for kind in kinds) and \
+                not any(part.stores is not None and not is_bundled(part.path) for part in parts):
+            return f"no {listing(kinds)} stands on {node}"
+    return ""
 
 
 def _dormant(site: Site) -> Iterator[Candidate]:
@@ -265,9 +312,10 @@ def snake(name: str) -> str:
 def distant_candidates(site: Site, labels: Container[str] | None = None) -> list[Candidate]:
     """All effects that attach across two nodes, at the pairs of nodes that no component joins (see `_distant_pairs`); with
     `labels` those alone."""
-    return [candidate for component in site.experiment.model.library.effects()
-            if component.effect is not None and "across" in component.effect.attaches
-            for candidate in _across(site, component, component.effect, _distant_pairs, labels)]
+    return [candidate for component in site.experiment.model.library.effects() for effect in component.effects
+            if "across" in effect.attaches
+            for candidate in _where_meaningful(site, component, effect,
+                                               [*_across(site, component, effect, _distant_pairs, labels)])]
 
 
 def _across(site: Site, component: Component, effect: Effect, pairs: Pairs | None = None,
@@ -405,6 +453,10 @@ def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Can
             # an end that carries the node's name cannot leave it
             if wire is None or port.count is not None or wire == leaf.path:
                 continue
+            if _carries_nothing(leaf.component, port.name):
+                if port.domain == first.domain:
+                    site.excluded[f"{component.name} before {path}"] = f"nothing flows through {path}"
+                continue
             group = site.group(path)
             # of two ports on a node it is the same behind the one and the other
             if group.domain != first.domain or len(group.ports) < 2 or (len(group.ports) == 2 and group.name in done):
@@ -418,6 +470,12 @@ def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Can
             yield Candidate(name, component.name, effect.kind, effect.description, place, (group.name, leaf.path),
                             Change({name: _part(component, numbers)}, ends, initial=_settled(component, effect, name)),
                             numbers, "in series", _full(component, name))
+
+
+def _carries_nothing(component: Component, port: str) -> bool:
+    """Whether an equation says that the force on a port or the flow through it is zero."""
+    return any(isinstance(line.tree.left, Name) and line.tree.left.text.rpartition(".")[0] == port
+               and isinstance(line.tree.right, Number) and line.tree.right.value == 0 for line in component.equations)
 
 
 def _settled(component: Component, effect: Effect, name: str) -> dict[str, str]:
@@ -502,6 +560,10 @@ def _replacing(site: Site, component: Component, effect: Effect, kind: str) -> I
             continue
         formulas = {key: re.sub(r"\bold\.", f"{leaf.path}.", formula.text) for key, formula in effect.start.items()}
         values = {key: _evaluated(site.assembly, formula) for key, formula in formulas.items()}
+        if wrong := [key for key, value in values.items() if not _allowed(component.parameters[key], value)]:
+            site.excluded[f"{component.name} in place of {leaf.path}"] = \
+                f"{leaf.path} has no equal values of {listing(wrong)}"
+            continue
         numbers = {n.name.rpartition(".")[2]: n for n in _numbers(component, effect, leaf.path)}
         for key, formula in formulas.items():
             new = component.parameters[key]
@@ -517,6 +579,12 @@ def _replacing(site: Site, component: Component, effect: Effect, kind: str) -> I
         yield Candidate(leaf.path, component.name, effect.kind, effect.description, f"in place of {leaf.path}", (leaf.path,),
                         Change({leaf.path: Part(part.kind, {**part.values, **written})}), tuple(numbers.values()),
                         "replaces", _full(component, leaf.path), old=kind)
+
+
+def _allowed(parameter: Parameter, value: float) -> bool:
+    """Whether a parameter may have a value."""
+    return isfinite(value) and (parameter.low is None or value >= parameter.low) and \
+        (parameter.high is None or value <= parameter.high)
 
 
 def _names(formula: str) -> set[str]:

@@ -104,14 +104,16 @@ Signature = tuple[object, ...]
 LAWS = ("across", "at", "in series", "in")  # ways to attach that are considered: not sensors, nor replacements
 
 
-def candidates(experiment: ExperimentOrFile) -> list[Candidate]:
+def candidates(experiment: ExperimentOrFile, excluded: dict[str, str] | None = None) -> list[Candidate]:
     """All effects of the catalogue at all places of the diagram of an experiment.
 
     They stand in the order of the library, and after them each law at all like places together (`members` are the labels of
-    its single candidates). `experiment` is one that was loaded, or its file or name. Raises ModelError for an invalid
+    its single candidates). `experiment` is one that was loaded, or its file or name; `excluded` collects the labels of effects
+    that are no candidates, and why. Raises ModelError for an invalid
     diagram or component, DataError for an experiment that cannot be read.
     """
-    return _at_all_places(site_of(load_experiment(experiment)))
+    site = site_of(load_experiment(experiment))
+    return _at_all_places(replace(site, excluded=excluded) if excluded is not None else site)
 
 
 def between_all_nodes(experiment: ExperimentOrFile) -> list[Candidate]:
@@ -187,7 +189,7 @@ def _joined(site: Site, group: Sequence[Candidate]) -> Candidate:
         change, parts = change.joined(more), [*parts, part]
     where = tuple(dict.fromkeys(name for candidate in group for name in candidate.where))
     place = " and ".join(c.place for c in group)
-    return replace(first, place=place, where=where, change=change, members=tuple(c.label for c in group),
+    return replace(first, place=place, where=where, change=change, acts="", members=tuple(c.label for c in group),
                    numbers=tuple(replace(n, parts=tuple(parts)) for n in first.numbers))
 
 

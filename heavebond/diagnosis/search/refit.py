@@ -46,6 +46,7 @@ from heavebond.estimation.fitting import own_start
 from heavebond.estimation.residuals import AT_END, Descent, Exceeded, Residuals, Run
 from heavebond.numerics.dae import Array
 from heavebond.numerics.quick_simulation import QuickSimulator
+from heavebond.numerics.result import Probe
 
 # The fall beyond an end, or the rise towards it, from which on it counts, in units of what is left: as `stage.EARNED`.
 MISSED = 12.0
@@ -131,7 +132,8 @@ class Refit:
     errors. `beyond` are numbers of the candidate at an end of the range in which they were sought, beyond which the sum of
     squares would fall: it is not the minimum (see `range_ends`), and `unshown` its amplitudes that the records do not tell
     from none. `inner` are the values as unknowns of its least squares
-    problem; its runs erred by less than those of the base model by the power `finer` of FINER."""
+    problem; its runs erred by less than those of the base model by the power `finer` of FINER. It `acts` at some time in the
+    fitted records (see `Candidate.acts`)."""
 
     candidate: Candidate
     experiment: Experiment
@@ -153,6 +155,7 @@ class Refit:
     unshown: tuple[str, ...] = ()
     inner: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
     finer: int = 0
+    acts: bool = True
 
     @property
     def absent(self) -> bool:
@@ -457,7 +460,15 @@ class _RefitProblem:
                      max((g.gain for g in self.guesses), default=float("nan")),
                      problem.evaluations, errors=errors, beyond=passed_ends(problem, self.candidate.numbers, inner, r),
                      unshown=unshown_amplitudes(problem, self.candidate.numbers, inner, r), inner=inner,
-                     finer=self.finer)
+                     finer=self.finer, acts=self._acts(inner, exact))
+
+    def _acts(self, inner: Array, exact: Mapping[str, Run]) -> bool:
+        """Whether the effect acts in a fitted record; one that says nothing of this always does."""
+        for run in (exact[run.record.name] for run in self.runs) if self.candidate.acts else ():
+            result = run.simulator.run(self.problem.values_of(inner, run.record.name))
+            if np.any(Probe(run.assembly, [self.candidate.acts], si=True).values(result) > 0):
+                return True
+        return not self.candidate.acts
 
     def slack(self, inner: Array) -> float:
         """What the numbers' own uncertainty does to the figure on what was held out. With r (n,) and J (n, m) the residuals

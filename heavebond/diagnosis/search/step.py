@@ -74,7 +74,8 @@ class Stage:
     that were to be scored, `as_one` are the nodes that move as one in the base model, each with the first of them; `failed`
     are the labels of candidates that were scored, but with which no refit could be simulated. `prescored` is the number of
     candidates between nodes that no component joins, `left_out` are the labels of those of them that got no exact score,
-    each with the reason (see `search.prescore`)."""
+    each with the reason (see `search.prescore`). `excluded`
+    are effects that were not tried, or not kept, each with the reason."""
 
     experiment: Experiment
     values: dict[str, float]
@@ -103,6 +104,7 @@ class Stage:
     failed: tuple[str, ...] = ()
     prescored: int = 0
     left_out: Mapping[str, str] = field(default_factory=dict)
+    excluded: tuple[tuple[str, str], ...] = ()
 
     @property
     def bic(self) -> float:
@@ -130,9 +132,11 @@ def make_stage(experiment: Experiment, *, number: int | None = None, seconds: fl
                progress: Progress | None = None, thorough: bool = True) -> Stage:
     """One rung of the ladder. `classes` narrows the catalogue to candidates of these classes. A `thorough` search refits all
     others too where none of those with the largest scores comes near the noise."""
-    found = [c for c in candidates(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
+    excluded: dict[str, str] = {}
+    found = [c for c in candidates(experiment, excluded) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
     distant = [c for c in between_all_nodes(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
-    return _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough, distant=distant)
+    made = _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough, distant=distant)
+    return replace(made, excluded=(*excluded.items(), *made.excluded))
 
 
 def make_curve_stage(experiment: Experiment, *, beside: Candidate | None = None,
@@ -179,10 +183,12 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     as_one = _as_one(courses)
     first = base.problem.runs[0]
     fitted = base.problem.values_of(base.inner, first.record.name)
-    found = [at_values(c, first.assembly, fitted) for c in found if always or _says_more(c, base, courses)]
+    excluded = {} if always else {c.label: reason for c in [*found, *distant]
+                                  if (reason := _meaningless(c, base, courses))}
+    found = [at_values(c, first.assembly, fitted) for c in found if c.label not in excluded]
     if distant:
         say("scoring effects between all nodes to first order")
-    prescored = select(base, found, [c for c in distant if _says_more(c, base, courses)], as_one)
+    prescored = select(base, found, [c for c in distant if c.label not in excluded], as_one)
     found += prescored.selected
     scores: list[Score] = []
     acts_as: dict[str, tuple[str, ...]] = {}
@@ -216,11 +222,14 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
         except KeyboardInterrupt:
             clear_signal()
             partial, left, twins = True, leftover(base, scores, prescored.scores), {}
-    trials = list(refits.trials.values())
+    if not always:
+        excluded |= {label: "it never acts in the fitted records" for label, t in refits.trials.items() if not t.acts}
+    trials = [t for label, t in refits.trials.items() if label not in excluded]
     made = _judged(base, errors, left, scores, trials, twins, partial, clock.perf_counter() - began, as_one)
     broken = tuple(c.label for c in found if c.label not in known and c.label not in workers.lost) if scored_all else ()
     return replace(made, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as, planned=len(found), broken=broken,
-                   failed=tuple(refits.failed), prescored=len(distant), left_out=prescored.left_out)
+                   failed=tuple(refits.failed), prescored=len(distant), left_out=prescored.left_out,
+                   excluded=tuple(excluded.items()))
 
 
 def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]], most: int
@@ -326,6 +335,30 @@ def _as_one(courses: Mapping[str, tuple[str, Array]]) -> dict[str, str]:
         found[name] = next((first for first in found.values() if courses[first][0] == domain
                             and np.abs(course - courses[first][1]).max() < near), name)
     return found
+
+
+def _meaningless(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str, Array]]) -> str:
+    """Why a candidate cannot act on the fitted records as its class does; empty where it can."""
+    if not _says_more(candidate, base, courses):
+        return "what presses it is steady, so that it is dry friction"
+    return "the motion there goes in one direction only" if candidate.reverses and not _reverses(candidate, base) else ""
+
+
+ONE_WAY = 1.02  # path over distance, up to which a motion goes one way
+
+
+def _reverses(candidate: Candidate, base: Base) -> bool:
+    """Whether the motion between the nodes of a candidate turns back in one of the fitted records by more than noise and
+    vibration: the path is longer than the distance from its start to its end."""
+    for run in (base.exact[run.record.name] for run in base.problem.runs):
+        nodes = nodes_of(run.assembly.flat)
+        ends = [nodes[name] for name in candidate.where if name in nodes and nodes[name].domain.positions]
+        result = run.simulator.run(base.problem.values_of(base.inner, run.record.name))
+        courses = [result.si[f"{node.name}.{node.domain.positions[0]}"] for node in ends]
+        course = courses[0] - (courses[1] if len(courses) > 1 else 0.0) if courses else np.zeros(1)
+        if float(np.abs(np.diff(course)).sum()) > ONE_WAY * abs(float(course[-1] - course[0])) or not courses:
+            return True
+    return False
 
 
 def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str, Array]]) -> bool:
