@@ -50,7 +50,8 @@ def pages() -> dict[str, str]:
     functions = [known.functions[name] for name in sorted(known.functions)]
     found.update({f"functions/{f.name}.md": _function_page(f, callers[f.name], root) for f in functions})
     laws = [c for components in domains.values() for c in components]
-    return {"index.md": _index(domains, functions), "generalisations.md": _generalisations(laws, root), "functions/index.md": _function_index(functions), **by_domain, **found}
+    return {"index.md": _index(domains, functions), "generalisations.md": _generalisations(laws, root),
+            "functions/index.md": _function_index(functions), **by_domain, **found}
 
 
 def write_pages(folder: Path) -> int:
@@ -88,9 +89,9 @@ def _generalisations(components: Sequence[Component], root: Path) -> str:
                        (effect.amplitude or effect.shapes).items()))
             for c in components for effect in c.effects for old in effect.replaces]
     return "\n".join([GENERATED, "", "# Generalisations", "", "[All domains](index.md)", "",
-                      "Components that contain a simpler one. A [diagnosis](../diagnosis.md) tries each in place of the simpler "
-                      "one, beginning at the values at which the two laws are equal. Where the number that makes the effect has "
-                      "a range, they are equal in the limit at one of its ends.", "",
+                      "Components that contain a simpler one. A [diagnosis](../diagnosis.md) tries each in place of the "
+                      "simpler one, beginning at the values at which the two laws are equal. Where the number that makes the "
+                      "effect has a range, they are equal in the limit at one of its ends.", "",
                       *_table(("in place of", "component", "class", "equal at", "effect"),
                               sorted(rows, key=lambda row: row[0]))]) + "\n"
 

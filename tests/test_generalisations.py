@@ -35,8 +35,8 @@ class Law(_Trial):
         return dict(zip(self.made.parameters, p, strict=False))
 
     def lost(self, motion: dict[str, np.ndarray], p: np.ndarray) -> float:
-        """How far a motion, (levels,) of each slot, is from the equations: ports are fixed, the inner variables follow from the
-        equations, from the values of the same name on."""
+        """How far a motion, (levels,) of each slot, is from the equations: ports are fixed, the inner variables follow from
+        the equations, beginning at the values of the same name."""
         n, m = len(self.made.slots), len(self.made.lines)
         y = np.concatenate([[motion[slot][k] if slot in motion else 0.0 for slot in self.made.slots] for k in range(3)])
         own = [k for k, slot in enumerate(self.made.slots) if slot in self.component.variables]
@@ -149,7 +149,8 @@ def test_each_limit_is_tried_by_runs() -> None:
     before = {("ReceiverWithHeat", "Receiver"), ("GasAccumulatorWithHeat", "GasAccumulator"),
               ("RevoluteJointWithPlay", "RevoluteJoint")}
     mark = next(m for m in test_at_the_end_of_its_range_a_law_is_the_simpler_one.pytestmark if m.name == "parametrize")
-    assert LIMITS == before | {case[:2] for case in mark.args[1]}
+    tried = {case[:2] for case in mark.args[1]}
+    assert before | tried == LIMITS
 
 
 # -- all pairs ---------------------------------------------------------------------------------------------------------
@@ -196,44 +197,49 @@ def may_contain(one: Component, other: Component) -> bool:
 NOT_A_GENERALISATION = {
     "the part that it adds is a candidate beside or in series with the simpler part":
         "TorsionSpringDamper < TorsionSpring; TorsionSpringDamper < RotationalDamper; SpringDamper < Spring; "
-        "SpringDamper < Damper; SpringDamper < ShockAbsorber; HardeningSpring < Spring; HardeningTorsionSpring < TorsionSpring; "
-        "ShaftCompliance < TorsionSpring; SeriesCompliance < Spring; RotationalStribeckFriction < RotationalDamper; Radiation < Mass; "
-        "Friction < SealFriction; SingleActingCylinder < PlungerCylinder; PipeResistance < Capillary; "
-        "PipeResistance < SharpEdgedOrifice; WormGear < Gear; Tank < PressureSource; CavitatingVolume < Volume; "
-        "DelayedSampleHold < SampleHold; RateLimit < FirstOrderLag; Backlash < SpringDamper",
-    "another component is the same law and takes the place": "SlackWire < Spring; SlackWire < SpringDamper; "
-        "Backlash < SpringWithPlay; Backlash < Spring; GearBacklash < Torsion*; SpringDamperWithPlay < Spring; "
-        "TorsionSpringDamperWithPlay < TorsionSpring; LuGreFriction < CoulombFriction; SpringDamperWithPlay < Backlash; "
-        "TorsionSpringDamperWithPlay < GearBacklash; "
+        "SpringDamper < Damper; SpringDamper < ShockAbsorber; HardeningSpring < Spring; "
+        "HardeningTorsionSpring < TorsionSpring; ShaftCompliance < TorsionSpring; SeriesCompliance < Spring; "
+        "RotationalStribeckFriction < RotationalDamper; Radiation < Mass; Friction < SealFriction; "
+        "SingleActingCylinder < PlungerCylinder; PipeResistance < Capillary; PipeResistance < SharpEdgedOrifice; "
+        "WormGear < Gear; Tank < PressureSource; CavitatingVolume < Volume; DelayedSampleHold < SampleHold; "
+        "RateLimit < FirstOrderLag; Backlash < SpringDamper",
+    "another component is the same law and takes the place":
+        "SlackWire < Spring; SlackWire < SpringDamper; Backlash < SpringWithPlay; Backlash < Spring; "
+        "GearBacklash < Torsion*; SpringDamperWithPlay < Spring; TorsionSpringDamperWithPlay < TorsionSpring; "
+        "LuGreFriction < CoulombFriction; SpringDamperWithPlay < Backlash; TorsionSpringDamperWithPlay < GearBacklash; "
         "RotationalLuGreFriction < RotationalCoulombFriction; Hysteresis < CoulombFriction; "
         "RotationalHysteresis < RotationalCoulombFriction; SpringDamperWithPlay < SlackWire; SlackWire < BilinearSpring",
-    "the same law with other names or signs": "HydraulicMotor < HydraulicPump; HydraulicPump < HydraulicMotor; "
-        "CompensatedPump < HydraulicMotor; PowerControlledPump < HydraulicMotor; PistonPump < HydraulicMotor; "
-        "Hose < LineVolume; LineVolume < Hose; ShaftSlip < RotationalDamper; RotationalDamper < ShaftSlip; * < ShaftSlip; "
-        "VariableMotor < VariablePump; VariablePump < VariableMotor; Atmosphere < PneumaticSource; BilinearSpring < Harden*; "
-        "PolynomialMotion < SCurveMotion; SCurveMotion < PolynomialMotion; SensorGain < SidedGain; SidedGain < SensorGain; "
-        "BypassValve < FlowControlValve; FlowControlValve < BypassValve; * < ShaftCompliance; * < SeriesCompliance; "
-        "PowerControlledPump < HydraulicPump",
+    "the same law with other names or signs":
+        "HydraulicMotor < HydraulicPump; HydraulicPump < HydraulicMotor; CompensatedPump < HydraulicMotor; "
+        "PowerControlledPump < HydraulicMotor; PistonPump < HydraulicMotor; Hose < LineVolume; LineVolume < Hose; "
+        "ShaftSlip < RotationalDamper; RotationalDamper < ShaftSlip; * < ShaftSlip; VariableMotor < VariablePump; "
+        "VariablePump < VariableMotor; Atmosphere < PneumaticSource; BilinearSpring < Harden*; "
+        "PolynomialMotion < SCurveMotion; SCurveMotion < PolynomialMotion; SensorGain < SidedGain; "
+        "SidedGain < SensorGain; BypassValve < FlowControlValve; FlowControlValve < BypassValve; * < ShaftCompliance; "
+        "* < SeriesCompliance; PowerControlledPump < HydraulicPump",
     "other physics: no values of its parameters give the simpler law":
         "Diode < *; AnnularGap < *; Bend < *; CheckValve < *; DynamicLineSegment < *; LineSegment < *; Filter < *; "
         "RatedReliefValve < *; ReliefValve < *; PowerLawOrifice < ReliefValve; DirectionalValve22 < *; "
-        "ProportionalReliefValve < *; TabulatedValve < *; CavitatingVolume < *; GasAccumulator < *; SpringAccumulator < *; "
-        "GasAccumulatorWithHeat < CavitatingVolume; GasAccumulatorWithHeat < SpringAccumulator; "
+        "ProportionalReliefValve < *; TabulatedValve < *; CavitatingVolume < *; GasAccumulator < *; "
+        "SpringAccumulator < *; GasAccumulatorWithHeat < CavitatingVolume; GasAccumulatorWithHeat < SpringAccumulator; "
         "GasAccumulatorWithHeat < Volume; CounterbalanceValve < *; ProportionalReducingValve < *; "
-        "TwoStageServoValve43 < *; LogicValve < *; SpoolEdge < *; RevoluteJointWithPlay < *; RollingWheel < *; RopeStrand < *; "
-        "Receiver < *; PneumaticOrifice < *; BilinearTorsionSpring < *; Cubic* < *; *Spring < Cubic*; *Damper < Cubic*; "
-        "* < CubicTorsionSpring; HardeningTorsionSpring < BilinearTorsionSpring; HardeningSpring < BilinearSpring; "
-        "OneWayClutch < *; RotationalEndStop < *; EndStop < *; Contact < *; Backlash < *; GearBacklash < *; "
-        "RotationalHysteresis < RotationalDirectionalFriction; Hysteresis < DirectionalFriction; RotationalLuGreFriction < RotationalDamper; "
-        "~LuGreFriction < ~DirectionalFriction; RotationalLuGreFriction < RotationalNonlinearDamper; ~LuGreFriction < ~Hysteresis; "
-        "~StribeckFriction < ~DirectionalFriction; *DamperWithPlay < RotationalDamper; SpringDamperWithPlay < *Damper; "
-        "*WithPlay < Contact; *WithPlay < ShockAbsorber; SlackWire < *; WormGear < *; PowerScrew < *; Conduction < *; "
-        "NaturalConvection < HeatRadiation",
-    "it sticks by events: the same law in the limit of its transition, with the same parameters": "~DryFriction < *; "
-        "LockingClutch < Clutch",
-    "a whole number makes the difference": "PistonPump < HydraulicPump; TelescopicCylinder < PlungerCylinder",
-    "a signal of a controller or a source is known": "Delay < *; DelayChain < *; LeadLag < *; NotchFilter < *; "
-        "Quantiser < *; RateLimit < *; TransferFunction < *; Chirp < *",
+        "TwoStageServoValve43 < *; LogicValve < *; SpoolEdge < *; RevoluteJointWithPlay < *; RollingWheel < *; "
+        "RopeStrand < *; Receiver < *; PneumaticOrifice < *; BilinearTorsionSpring < *; Cubic* < *; *Spring < Cubic*; "
+        "*Damper < Cubic*; * < CubicTorsionSpring; HardeningTorsionSpring < BilinearTorsionSpring; "
+        "HardeningSpring < BilinearSpring; OneWayClutch < *; RotationalEndStop < *; EndStop < *; Contact < *; "
+        "Backlash < *; GearBacklash < *; RotationalHysteresis < RotationalDirectionalFriction; "
+        "Hysteresis < DirectionalFriction; RotationalLuGreFriction < RotationalDamper; "
+        "~LuGreFriction < ~DirectionalFriction; RotationalLuGreFriction < RotationalNonlinearDamper; "
+        "~LuGreFriction < ~Hysteresis; ~StribeckFriction < ~DirectionalFriction; *DamperWithPlay < RotationalDamper; "
+        "SpringDamperWithPlay < *Damper; *WithPlay < Contact; *WithPlay < ShockAbsorber; SlackWire < *; WormGear < *; "
+        "PowerScrew < *; Conduction < *; NaturalConvection < HeatRadiation",
+    "it sticks by events: the same law in the limit of its transition, with the same parameters":
+        "~DryFriction < *; LockingClutch < Clutch",
+    "a whole number makes the difference":
+        "PistonPump < HydraulicPump; TelescopicCylinder < PlungerCylinder",
+    "a signal of a controller or a source is known":
+        "Delay < *; DelayChain < *; LeadLag < *; NotchFilter < *; Quantiser < *; RateLimit < *; TransferFunction < *; "
+        "Chirp < *",
 }
 
 

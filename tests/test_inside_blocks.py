@@ -95,7 +95,7 @@ def test_effects_inside_a_block_are_found_and_written(folder: Path) -> None:
     """A supply that droops by 6e9 Pa*s/m**3, and a load that changes by a factor of five during the record."""
     time = np.arange(0, 4, 0.02)
     C = 2e-10*(0.6 + 0.4*np.sin(2*np.pi*time/2))
-    (folder / "rig.yaml").write_text(RIG.replace("load: {is: LaminarLeakage, C: 2e-10 m**3/(s*Pa)}", "load: {is: FlowSource}")
+    (folder / "rig.yaml").write_text(RIG.replace("LaminarLeakage, C: 2e-10 m**3/(s*Pa)", "FlowSource")
                                      .replace("  tank: {is: Tank}\n", "").replace("  tank: [load.b, tank.a]\n", ""))
     flow = 1e7*C/(1 + C*(5e9 + 6e9))
     noise = np.random.default_rng(1).normal(0, 0.05, len(time))
@@ -112,7 +112,8 @@ outputs: {line.p: {column: p, unit: bar, noise: 0.05 bar}}
     experiment = load_experiment(folder / "measured.yaml")
     labels = {c.label for c in candidates(experiment)}
     assert {"DroopingSource in place of station.pump", "LineResistance between station.supply and station.pump.a"} <= labels
-    for component, places in (("DroopingSource", ["station.pump"]), ("LineResistance", ["station.supply", "station.pump.a"])):
+    for component, places in (("DroopingSource", ["station.pump"]),
+                              ("LineResistance", ["station.supply", "station.pump.a"])):
         found = hb.attempt(experiment, component, places)
         assert found.earned
         value = {p.name.rpartition(".")[2]: p.value for p in found.finding.parameters}["R"]

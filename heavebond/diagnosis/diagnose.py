@@ -36,6 +36,7 @@ from heavebond.diagnosis.answer.sentences import (
     search_limits,
     sentences,
     so_far,
+    unusual_values,
     wrong_channels,
     wrong_starts,
 )
@@ -229,7 +230,7 @@ def _answer(state: State, task: Task) -> Diagnosis:
              *acting_as_values(findings, steps, [t.candidate.name for t in state.values]),
              *(state.separation.words if state.separation is not None else ()),
              *(effect.doubt for effect in state.doubtful),
-             *residual_notes(said, state.remainder, steps),
+             *unusual_values(findings), *residual_notes(said, state.remainder, steps),
              *lost_candidates(steps), *broken_candidates(said, steps), *closed_loops(first),
              *own_start_words(state.given, state.base, state.added[-1].fit if state.added else state.base),
              *wrong_starts(said, models[-1].comparison), *so_far(steps, state.untried),

@@ -18,7 +18,7 @@ from heavebond.estimation.comparison import Channel, Comparison, RecordCompariso
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_experiment
 from heavebond.estimation.fitting import Fit, Fitted
 from heavebond.estimation.residuals import AT_END
-from heavebond.language.definition import Component
+from heavebond.language.definition import Component, Typical
 from heavebond.numerics.dae import Array
 from heavebond.numerics.result import Probe
 
@@ -159,6 +159,13 @@ def parameter_description(fit: Fit, name: str) -> str:
     component = _component(fit, path)
     declared = component.parameters.get(own) if component is not None else None
     return declared.doc if declared is not None else ""
+
+
+def typical_values(fit: Fit, name: str) -> Typical | None:
+    """What the component says of typical values of a parameter; None where it says nothing."""
+    path, _, own = name.rpartition(".")
+    component = _component(fit, path) if path else None
+    return component.parameters[own].typical if component is not None and own in component.parameters else None
 
 
 def restrictions(finding: AddedEffect) -> str:

@@ -157,6 +157,7 @@ def component_file(known: Library) -> Schema:
         "integer": _said("a whole number; written without a value", {}), "class": TEXT, "search_range": TEXT,
         "wakes_with": WORDS, "count": COUNT,
         "medium": _said("the property of the medium in its circuit that it is taken from"),
+        "typical": _object({"range": TEXT, "source": TEXT}, ["source"], "between which values it commonly lies"),
         "width": _said("the width of a transition that makes a law smooth; written without a value", {}),
         "meaning": _said("the effect of another value in a sentence with fields, `Leakage of {C} in {part}.`")})
     variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,

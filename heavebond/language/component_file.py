@@ -22,7 +22,7 @@ from heavebond.language.definition import (
     Value,
     Variable,
 )
-from heavebond.language.effects import EffectReader, read_meaning, read_search_range
+from heavebond.language.effects import EffectReader, read_meaning, read_search_range, read_typical
 from heavebond.language.equation_lines import equation_lines
 from heavebond.language.extension import extension
 from heavebond.language.when import resets, when_entries
@@ -184,7 +184,7 @@ class _Parser:
 
     def _parameter(self, key: Scalar, node: Mapping, variables: Dictionary[str, Variable]) -> Parameter:
         keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "search_range", "wakes_with", "count",
-                "medium", "width", "meaning")
+                "medium", "width", "meaning", "typical")
         integer = "integer" in node.items
         reading.known_keys(node, keys, f"parameter '{key.text}'", self.problems, () if integer else ("unit",))
         unit = DIMENSIONLESS if integer else reading.unit(node.items.get("unit"), self.problems)
@@ -203,7 +203,8 @@ class _Parser:
                                            self.problems),
                          tuple(w.text for w in reading.words(node.items.get("wakes_with"), "wakes_with", self.problems)),
                          count, reading.text(node.items.get("medium"), "medium", self.problems), "width" in node.items,
-                         columns, read_meaning(node.items.get("meaning"), self.problems))
+                         columns, read_meaning(node.items.get("meaning"), self.problems),
+                         read_typical(node.items.get("typical"), unit or DIMENSIONLESS, key.text, self.problems))
 
     def _variable(self, key: Scalar, node: Mapping) -> Variable:
         reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count", "nominal", "physical", "beyond"),

@@ -179,6 +179,15 @@ class Meaning:
 
 
 @dataclass(frozen=True)
+class Typical:
+    """Between which values a parameter commonly lies, and who says so; without a range, `source` is what an engineer
+    compares its value with."""
+
+    range: Range | None
+    source: str
+
+
+@dataclass(frozen=True)
 class Effect:
     """What a component would be if it were missing from a diagram: an entry of the catalogue.
 
@@ -241,6 +250,7 @@ class Parameter:
     width: bool = False
     columns: Expr | None = None
     meaning: Meaning | None = None
+    typical: Typical | None = None
 
 
 def rate_of(text: str) -> str | None:

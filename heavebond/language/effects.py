@@ -22,6 +22,7 @@ from heavebond.language.definition import (
     Port,
     SearchRange,
     SignalPort,
+    Typical,
     Variable,
     rate_of,
 )
@@ -81,6 +82,23 @@ def read_meaning(node: Node | None, problems: Problems) -> Meaning | None:
             return None
         fields.append(piece if isinstance(expr, Name) and len(expr.parts) == 1 and isinstance(expr.parts[0], str) else expr)
     return Meaning(tuple(pieces[::2]), tuple(fields), node.place)
+
+
+def read_typical(node: Node | None, unit: Unit, what: str, problems: Problems) -> Typical | None:
+    """`{range: 2 .. 25 W/(m**2*K), source: who says so}`."""
+    entry = reading.mapping(node, "typical", problems, "Write `typical: {range: 2 .. 25 mm, source: who says so}`.")
+    if entry is None:
+        return None
+    reading.known_keys(entry, ("range", "source"), f"typical values of {what}", problems, ("source",))
+    found, said = None, reading.text(entry.items.get("range"), "range", problems)
+    try:
+        if said:
+            found = parse_range(said)
+            _check_ends(found, unit, said)
+    except UnitProblem as problem:
+        problems.add(problem.code, f"{what}: {problem.message}", entry.items["range"].place, hint=problem.hint)
+        found = None
+    return Typical(found, reading.text(entry.items.get("source"), "source", problems))
 
 
 def _check_ends(found: Range, unit: Unit, said: str) -> None:

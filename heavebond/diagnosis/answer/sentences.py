@@ -24,7 +24,7 @@ from heavebond.diagnosis.evidence.prediction import FITTED
 from heavebond.diagnosis.evidence.residual_tests import LEVELS
 from heavebond.diagnosis.search.refit import Refit
 from heavebond.diagnosis.search.step import Stage
-from heavebond.diagnosis.state import AddedEffect, LadderEntry, channel_errors
+from heavebond.diagnosis.state import AddedEffect, LadderEntry, channel_errors, typical_values
 from heavebond.estimation.comparison import Comparison
 from heavebond.estimation.fitting import Fit
 
@@ -503,3 +503,18 @@ def _cut_short(step: Stage, where: str) -> str:
     before, after = (step.chi2_held_out, best.chi2_held_out) if held else (step.chi2_fit, best.chi2_fit)
     return f"{begun} Leading: {best.candidate.label}, which changes chi-square per sample from {number(before, 3)} to " \
         f"{number(after, 3)} on {'held-out' if held else 'fitted'} data."
+
+
+def unusual_values(findings: Sequence[AddedEffect]) -> list[str]:
+    """Fitted numbers of the effects that are outside of what is typical, and those to be compared with the machine."""
+    lines = []
+    for p, typical in [(p, typical_values(f.fit, p.name)) for f in findings for p in f.parameters]:
+        if typical is None:
+            continue
+        value = readable(p.value, p.unit, 3)
+        if typical.range is None:
+            lines.append(f"{p.name} = {value}: compare this with {typical.source}.")
+        elif not typical.range.low <= p.value <= typical.range.high:
+            low, high = (readable(end, p.unit, 3) for end in (typical.range.low, typical.range.high))
+            lines.append(f"{p.name} = {value} is unusual: {low} to {high} is typical ({typical.source}).")
+    return lines

@@ -108,9 +108,9 @@ def candidates(experiment: ExperimentOrFile, excluded: dict[str, str] | None = N
     """All effects of the catalogue at all places of the diagram of an experiment.
 
     They stand in the order of the library, and after them each law at all like places together (`members` are the labels of
-    its single candidates). `experiment` is one that was loaded, or its file or name; `excluded` collects the labels of effects
-    that are no candidates, and why. Raises ModelError for an invalid
-    diagram or component, DataError for an experiment that cannot be read.
+    its single candidates). `experiment` is one that was loaded, or its file or name; `excluded` collects the labels of
+    effects that are no candidates, and why. Raises ModelError for an invalid diagram or component, DataError for an
+    experiment that cannot be read.
     """
     site = site_of(load_experiment(experiment))
     return _at_all_places(replace(site, excluded=excluded) if excluded is not None else site)
