@@ -90,7 +90,7 @@ def _generalisations(components: Sequence[Component], root: Path) -> str:
             for c in components for effect in c.effects for old in effect.replaces]
     return "\n".join([GENERATED, "", "# Generalisations", "", "[All domains](index.md)", "",
                       "Components that contain a simpler one. A [diagnosis](../diagnosis.md) tries each in place of the "
-                      "simpler one, beginning at the values at which the two laws are equal. Where the number that makes the "
+                      "simpler one, beginning at the values at which the two laws are equal. If the number that makes the "
                       "effect has a range, they are equal in the limit at one of its ends.", "",
                       *_table(("in place of", "component", "class", "equal at", "effect"),
                               sorted(rows, key=lambda row: row[0]))]) + "\n"

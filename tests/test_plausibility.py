@@ -1,0 +1,114 @@
+"""Effects that are no candidates where they make no sense, effects that never act, and values that are unusual."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import heavebond as hb
+from heavebond.diagnosis.answer.sentences import unusual_values
+from heavebond.diagnosis.candidates.places import candidates
+from heavebond.diagnosis.search.step import make_stage
+from heavebond.estimation.experiment import Experiment, load_experiment
+
+ROTOR = """
+model: rotor
+components:
+  drive: {is: TorqueSource, u: 0 N*m}
+  rotor: {is: Inertia, J: 2 kg*m**2}
+nodes: {shaft: [drive.a, rotor.a]}
+initial: {shaft.phi: 0 rad, shaft.w: 10 rad/s}
+"""
+
+
+def experiment(folder: Path, model: str, columns: dict[str, np.ndarray], inputs: str, outputs: str) -> Experiment:
+    (folder / "machine.yaml").write_text(model)
+    rows = [",".join(columns), *(",".join(f"{v:.9g}" for v in row) for row in zip(*columns.values(), strict=True))]
+    (folder / "monday.csv").write_text("\n".join(rows) + "\n")
+    (folder / "measured.yaml").write_text(f"""
+experiment: measured
+model: machine.yaml
+records: {{monday: {{file: monday.csv, use: fit}}}}
+time: {{column: t, unit: s}}
+inputs: {{{inputs}}}
+outputs: {{{outputs}}}
+""")
+    return load_experiment(folder / "measured.yaml")
+
+
+def test_an_end_stop_is_no_candidate_for_a_shaft_that_turns_one_way(tmp_path: Path) -> None:
+    """A rotor with a bearing that damps 0.1 N*m*s/rad: w = 10 exp(-t/20)."""
+    t = np.arange(0, 20, 0.05)
+    noise = np.random.default_rng(2).normal(0, 0.01, len(t))
+    made = experiment(tmp_path, ROTOR, {"t": t, "w": 10*np.exp(-t/20) + noise, "tau": 0*t},
+                      "drive.u: {column: tau, unit: N*m, interpolation: linear}",
+                      "shaft.w: {column: w, unit: rad/s, noise: 0.01 rad/s}")
+    stage = make_stage(made, number=1, classes=("end stop", "viscous damping"))
+    assert stage.chosen is not None and stage.chosen.candidate.component == "RotationalDamper"
+    reasons = dict(stage.excluded)
+    stops = [label for label in reasons if label.startswith("RotationalEndStop")]
+    assert stops and all(reasons[label] == "the motion there goes in one direction only" for label in stops)
+    assert not any(s.candidate.component == "RotationalEndStop" for s in stage.scores)
+
+
+def test_an_overflow_is_a_candidate_at_open_tanks_only(tmp_path: Path) -> None:
+    excluded: dict[str, str] = {}
+    tanks = {c.where for c in candidates("cascaded_tanks/tanks", excluded) if c.component == "Overflow"}
+    assert ("upper_bottom", "cascade") in tanks
+    excluded = {}
+    assert not [c for c in candidates("cylinder_rig/leakage", excluded) if c.component == "Overflow"]
+    assert any(label.startswith("Overflow") and reason.startswith("no OpenTank stands on") for label, reason in
+               excluded.items())
+
+
+def test_nothing_is_put_before_a_port_that_carries_nothing(tmp_path: Path) -> None:
+    model = ROTOR.replace("nodes: {shaft: [drive.a, rotor.a]}", "nodes: {shaft: [drive.a, rotor.a, sensor.a], read: [sensor.y]}")
+    t = np.arange(0, 1, 0.1)
+    made = experiment(tmp_path, model.replace("components:", "components:\n  sensor: {is: AngleSensor}"), {"t": t, "w": t},
+                      "", "shaft.w: {column: w, unit: rad/s, noise: 0.01 rad/s}")
+    excluded: dict[str, str] = {}
+    series = [c.label for c in candidates(made, excluded) if c.attaches == "in series"]
+    assert any(label.endswith("rotor.a") for label in series) and not [s for s in series if s.endswith("sensor.a")]
+    assert excluded["ShaftCompliance before sensor.a"] == "nothing flows through sensor.a"
+
+
+@pytest.mark.parametrize(("gap", "acts"), [("0.5 mm", True), ("200 mm", False)])
+def test_a_law_knows_whether_it_acts(gap: str, acts: bool) -> None:
+    """A play that is wider than the motion of 20 mm never closes."""
+    found = hb.simulate(hb.loads(f"""
+model: trial
+components:
+  wall: {{is: Fixed}}
+  hand: {{is: PositionSource, u: "=20 mm*sin(2*pi*time/1 s)"}}
+  law: {{is: SpringWithPlay, c: 1 kN/m, gap: {gap}}}
+nodes: {{wall: [wall.a, law.a], hand: [hand.a, law.b]}}
+simulate: {{until: 1 s, every: 10 ms}}
+"""))
+    component = found.assembly.flat.expanded.leaves["law"].component
+    effect = component.effect
+    assert effect is not None and effect.acts is not None
+    assert bool((found[component.in_diagram(effect.acts, "law")] > 0).any()) is acts
+
+
+def test_an_unusual_value_gets_a_remark(tmp_path: Path) -> None:
+    """A gearbox that loses 25 % of its torque."""
+    t = np.arange(0, 10, 0.05)
+    noise = np.random.default_rng(3).normal(0, 0.01, len(t))
+    model = """
+model: geared
+components:
+  drive: {is: TorqueSource, u: 1 N*m}
+  gear:  {is: Gear, i: 2}
+  rotor: {is: Inertia, J: 2 kg*m**2}
+nodes: {shaft: [drive.a, gear.a], wheel: [gear.b, rotor.a]}
+initial: {wheel.phi: 0 rad, wheel.w: 0 rad/s}
+"""
+    made = experiment(tmp_path, model, {"t": t, "w": 0.75*2/2*t + noise, "tau": 1 + 0*t},
+                      "drive.u: {column: tau, unit: N*m, interpolation: linear}",
+                      "wheel.w: {column: w, unit: rad/s, noise: 0.01 rad/s}")
+    found = hb.attempt(made, "gear.eta")
+    assert found.finding.parameters[0].value == pytest.approx(0.75, abs=0.01)
+    remark, = unusual_values([found.finding])
+    assert remark.startswith("gear.eta = 0.75 is unusual: 0.8 to 0.995 is typical (G. Niemann")
