@@ -64,7 +64,7 @@ def test_an_overflow_is_a_candidate_at_open_tanks_only(tmp_path: Path) -> None:
 
 
 def test_nothing_is_put_before_a_port_that_carries_nothing(tmp_path: Path) -> None:
-    model = ROTOR.replace("nodes: {shaft: [drive.a, rotor.a]}", "nodes: {shaft: [drive.a, rotor.a, sensor.a], y: [sensor.y]}")
+    model = ROTOR.replace("rotor.a]}", "rotor.a, sensor.a], read: [sensor.y]}")
     t = np.arange(0, 1, 0.1)
     made = experiment(tmp_path, model.replace("components:", "components:\n  sensor: {is: AngleSensor}"), {"t": t, "w": t},
                       "", "shaft.w: {column: w, unit: rad/s, noise: 0.01 rad/s}")
