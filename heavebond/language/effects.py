@@ -194,7 +194,7 @@ class EffectReader:
         for word in reading.words(node, "amplitude", self.problems):
             parameter = self._parameter(word.text, word.place)
             if parameter is not None and word.text not in starts and ((parameter.low or 0) > 0 or (parameter.high or 0) < 0):
-                start = f" Or say where it is absent: `start: {{{word.text}: old.{word.text}}}`." * ("replaces" in entry.items)
+                start = f" Or where it is absent: `start: {{{word.text}: old.{word.text}}}`." * ("replaces" in entry.items)
                 self.problems.add("effect-amplitude", f"'{word.text}' cannot be 0, which is where the effect is absent",
                                   word.place, hint=f"Give its range: `amplitude: {{{word.text}: low .. high}}`.{start}")
             elif parameter is not None:
