@@ -148,7 +148,8 @@ def test_each_limit_is_tried_by_runs() -> None:
     """Those of before are in `test_effect_components`."""
     before = {("ReceiverWithHeat", "Receiver"), ("GasAccumulatorWithHeat", "GasAccumulator"),
               ("RevoluteJointWithPlay", "RevoluteJoint")}
-    mark = next(m for m in test_at_the_end_of_its_range_a_law_is_the_simpler_one.pytestmark if m.name == "parametrize")
+    mark = next(m for m in vars(test_at_the_end_of_its_range_a_law_is_the_simpler_one)["pytestmark"]
+                if m.name == "parametrize")
     tried = {case[:2] for case in mark.args[1]}
     assert before | tried == LIMITS
 

@@ -90,7 +90,8 @@ def read_typical(node: Node | None, unit: Unit, what: str, problems: Problems) -
     if entry is None:
         return None
     reading.known_keys(entry, ("range", "source"), f"typical values of {what}", problems, ("source",))
-    found, said = None, reading.text(entry.items.get("range"), "range", problems)
+    found: Range | None = None
+    said = reading.text(entry.items.get("range"), "range", problems)
     try:
         if said:
             found = parse_range(said)

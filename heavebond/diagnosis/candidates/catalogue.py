@@ -574,7 +574,7 @@ def _replacing(site: Site, component: Component, effect: Effect, kind: str) -> I
                 numbers[key] = EffectNumber(f"{leaf.path}.{key}", new.unit, new.low, new.high, None, True, values[key],
                                             (new.low, new.high), neutral_of=formula)
         part = _part(component, tuple(numbers.values()))
-        written = {key: (key not in numbers and _written(leaf, effect.start[key]))
+        written = {key: ("" if key in numbers else _written(leaf, effect.start[key]))
                    or quantity(value, component.parameters[key].unit) for key, value in values.items()}
         yield Candidate(leaf.path, component.name, effect.kind, effect.description, f"in place of {leaf.path}", (leaf.path,),
                         Change({leaf.path: Part(part.kind, {**part.values, **written})}), tuple(numbers.values()),
