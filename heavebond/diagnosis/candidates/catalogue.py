@@ -194,19 +194,25 @@ def single_candidates(experiment: Experiment, site: Site | None = None) -> list[
             check_required(component, effect, experiment.model.library.files)
             made = [c for way in effect.attaches for c in _WAYS[way](site, component, effect)]
             made += [c for kind in effect.replaces for c in _replacing(site, component, effect, kind)]
-            if effect.acts is not None:
-                made = [replace(c, acts=component.in_diagram(effect.acts, c.name)) for c in made]
-            if any(REVERSES in required for required in effect.requires.values()):
-                made = [replace(c, reverses=True) for c in made]
-            reasons = {c.label: _lacking(site, component, effect, c) for c in made} if effect.requires else {}
-            site.excluded.update({label: reason for label, reason in reasons.items() if reason})
-            found += [c for c in made if not reasons.get(c.label)]
+            found += _where_meaningful(site, component, effect, made)
     blocks = [path for path, leaf in site.expanded.leaves.items() if leaf.component.composite and any(
         s.direction == "in" for name in leaf.component.body.instances
         if (part := site.expanded.leaves.get(f"{path}.{name}")) is not None for s in part.component.signals.values())]
     site.excluded.update({f"effects of signals inside {path}": "inputs of parts inside a block are not tried"
                           for path in blocks})
     return found
+
+
+def _where_meaningful(site: Site, component: Component, effect: Effect, made: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates of an effect at places that have what it requires, with the conditions under which it acts."""
+    acts = effect.acts
+    if acts is not None:
+        made = [replace(c, acts=component.in_diagram(acts, c.name)) for c in made]
+    if any(REVERSES in required for required in effect.requires.values()):
+        made = [replace(c, reverses=True) for c in made]
+    reasons = {c.label: _lacking(site, component, effect, c) for c in made} if effect.requires else {}
+    site.excluded.update({label: reason for label, reason in reasons.items() if reason})
+    return [c for c in made if not reasons.get(c.label)]
 
 
 def _lacking(site: Site, component: Component, effect: Effect, candidate: Candidate) -> str:
@@ -313,9 +319,10 @@ def snake(name: str) -> str:
 def distant_candidates(site: Site, labels: Container[str] | None = None) -> list[Candidate]:
     """All effects that attach across two nodes, at the pairs of nodes that no component joins (see `_distant_pairs`); with
     `labels` those alone."""
-    return [candidate for component in site.experiment.model.library.effects()
-            if component.effect is not None and "across" in component.effect.attaches
-            for candidate in _across(site, component, component.effect, _distant_pairs, labels)]
+    return [candidate for component in site.experiment.model.library.effects() for effect in component.effects
+            if "across" in effect.attaches
+            for candidate in _where_meaningful(site, component, effect,
+                                               [*_across(site, component, effect, _distant_pairs, labels)])]
 
 
 def _across(site: Site, component: Component, effect: Effect, pairs: Pairs | None = None,
