@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,10 +10,7 @@ import click
 from heavebond.commands.arguments import Number, Whole, check_writable, json_option, scheduler_option
 
 if TYPE_CHECKING:
-    from heavebond.core.cancellation import Budget
-    from heavebond.diagnosis.diagnose import Diagnosis
     from heavebond.estimation.experiment import Experiment
-    from heavebond.localise.misfit import Localization
 
 
 @click.command(short_help="Identify the physical effect that is missing in a model.")
@@ -72,9 +68,6 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     except KeyboardInterrupt:
         click.echo("ended before all records were simulated: there is nothing to report yet", err=True)
         raise
-    # who ends a search waits for its answer alone
-    places = None if found.partial or found.localization is not None else _where(found, budget)
-    found = replace(found, localization=found.localization or places)
     with finishing(terminal.warn):
         terminal.show(diagnosis_items(found))
         targets = Targets.beside(given, folder)  # another command may have written there meanwhile
@@ -103,21 +96,6 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
         keep = f"keep the starts in {experiment} as said above, then " if found.started else ""
         console.print(f"next: {keep}heavebond fit {experiment} --write fitted.yaml", soft_wrap=True)
     return {"experiment": given.name, **found.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
-
-
-def _where(found: Diagnosis, budget: Budget) -> Localization | None:
-    """What the likeliest places of the first diagram and those of what was found ask for; None where that cannot be told in
-    the time, or the user ends it."""
-    from heavebond.commands import terminal
-    from heavebond.core.errors import HeavebondError
-    from heavebond.localise.misfit import localize
-
-    try:
-        with terminal.working("localising the misfit") as progress:
-            return budget.made(lambda: localize(found.searched, values=found.fitted, progress=progress,
-                                                besides=[frozenset(f.candidate.where) for f in found.added]))
-    except HeavebondError:
-        return None
 
 
 def check_classes(experiment: Experiment, classes: tuple[str, ...]) -> None:

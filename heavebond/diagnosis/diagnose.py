@@ -31,6 +31,7 @@ from heavebond.diagnosis.answer.sentences import (
     broken_candidates,
     closed_loops,
     equivalent_value_words,
+    left_out_words,
     lost_candidates,
     residual_notes,
     search_limits,
@@ -235,12 +236,13 @@ def _answer(state: State, task: Task) -> Diagnosis:
              *lost_candidates(steps), *broken_candidates(said, steps), *closed_loops(first),
              *own_start_words(state.given, state.base, state.added[-1].fit if state.added else state.base),
              *wrong_starts(said, models[-1].comparison), *so_far(steps, state.untried),
-             *search_limits(task.classes, cut(state.searched, state.experiment),
+             *left_out_words(steps), *search_limits(task.classes, cut(state.searched, state.experiment),
                             state.confirming is not None and state.confirming.shorter))
     answer = Diagnosis(state.given, said, words, models, findings, state.doubtful, steps, state.shape, state.base, noise,
                        budget.spent, state.separation, state.searched, state.adequacy, state.untried, state.remainder,
                        evidence(steps, state.value_step, sheet_p_value(state.base), state.adequacy,
-                                next(iter(state.reviews), None)), bool(task.classes), state.reviews)
+                                next(iter(state.reviews), None)), bool(task.classes), state.reviews,
+                       state.localization)
     if said in ("effect", "one_of", "mainly"):
         alone = more_probable_alone(answer.events, answer.named_first, [called(f.candidate) for f in findings[1:]])
         answer = replace(answer, words=(*words[:1], *resemblance(answer.events), *alone, *words[1:]))

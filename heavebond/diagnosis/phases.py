@@ -53,6 +53,7 @@ from heavebond.estimation.excerpts import as_long_as, excerpt
 from heavebond.estimation.experiment import Experiment
 from heavebond.estimation.fitting import Fit, fit
 from heavebond.experiment_design.separation import Alternative, Separation, separate
+from heavebond.localise.misfit import Localization, localize
 
 # Share of the time after which the first fit of all samples is ended with its best so far, and shares that are kept for the
 # end: the fit of the selected effects to all samples (as long as so many of its runs take), and writing the result.
@@ -86,8 +87,8 @@ class State:
     reviews: for each step, the step in which its effect was sought again beside all others;
     confirming: the fits to all samples. values: fixed values that the records cannot distinguish from the findings;
     value_step: the step of all fixed values; shape: the identified curve in place of a name; adequacy, remainder: see
-    `evidence.flexible_laws`. verdict, separation: see `Diagnosis`. untried: parts of the search that were not completed;
-    ended: the phases that were ended early.
+    `evidence.flexible_laws`; localization: see `localise`. verdict, separation: see `Diagnosis`. untried: parts of the
+    search that were not completed; ended: the phases that were ended early.
     """
 
     given: Experiment
@@ -110,6 +111,7 @@ class State:
     shape: AddedEffect | None = None
     adequacy: Adequacy | None = None
     remainder: Remainder | None = None
+    localization: Localization | None = None
     verdict: str = "undetermined"
     separation: Separation | None = None
     untried: tuple[str, ...] = ()
@@ -320,6 +322,19 @@ def explain_remainder(state: State, task: Task) -> Iterator[State]:
         yield replace(state, remainder=remainder(as_long_as(state.searched, state.at_last_fit()), task.say))
 
 
+def localise_misfit(state: State, task: Task) -> Iterator[State]:
+    """The unknown input at each place of the fitted diagram: the evidence for the place and the kind of what is missing."""
+    if state.searched is None or not state.steps or not state.steps[0].left.significant:
+        return
+    try:
+        located = localize(state.searched, values=state.base,
+                           progress=lambda text: task.say(f"localising the misfit: {text}"),
+                           besides=[frozenset(effect.candidate.where) for effect in state.added])
+    except HeavebondError:
+        return
+    yield replace(state, localization=located)
+
+
 def decide(state: State, task: Task) -> Iterator[State]:
     """The verdict, and the experiment that would distinguish the alternatives."""
     if not state.steps:
@@ -339,7 +354,7 @@ def decide(state: State, task: Task) -> Iterator[State]:
 
 
 PHASES: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts, search, confirm, try_fixed_values,
-                             fit_flexible_laws, explain_remainder, decide)
+                             fit_flexible_laws, explain_remainder, localise_misfit, decide)
 CLOSING: tuple[Phase, ...] = (confirm, decide)
 FIRST: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts)
 

@@ -12,7 +12,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from heavebond.core.cancellation import ENDED_EARLY, clear_signal
-from heavebond.core.errors import HeavebondError
 from heavebond.core.presentation import readable_unit
 from heavebond.core.quoting import file_stem
 from heavebond.core.units import read_unit
@@ -168,11 +167,7 @@ def _write_report(found: Diagnosis, folder: Path) -> Path:
     from heavebond.reports.report import report
 
     target = Targets.beside(found.experiment, folder).report
-    try:
-        places = None if found.partial else localize(found.experiment)
-    except HeavebondError:
-        places = None  # the records do not tell it; the report stands without it
-    write_text(target, report(found, places))
+    write_text(target, report(found, found.localization))
     return target
 
 

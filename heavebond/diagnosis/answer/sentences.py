@@ -448,6 +448,18 @@ def closed_loops(first: Comparison) -> list[str]:
     return [f"The answer may be biased: {next(iter(told))}."] if told else []
 
 
+def left_out_words(steps: Sequence[Stage]) -> list[str]:
+    """The effects that the first step did not try, or did not keep, in numbers by the reason, with an example of each."""
+    if not steps:
+        return []
+    reasons: dict[str, list[str]] = {}
+    for label, reason in (*steps[0].excluded, *steps[0].left_out.items()):
+        reasons.setdefault(reason, []).append(label)
+    parts = [f"{labels[0]}{f' and {len(labels) - 1} more' if len(labels) > 1 else ''} ({reason})"
+             for reason, labels in sorted(reasons.items(), key=lambda pair: -len(pair[1]))]
+    return [f"Not among the candidates: {listing(parts, MENTIONED)}. `--json` lists all."] if parts else []
+
+
 def search_limits(classes: Sequence[str], looked: str, shorter: bool) -> list[str]:
     """What was left out of the search."""
     only = f"Tried were only effects of {'this class' if len(classes) == 1 else 'these classes'}: {listing(classes)}."
