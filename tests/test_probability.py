@@ -194,3 +194,17 @@ def test_a_diagnosis_states_probabilities() -> None:
     assert found.events[0].kind == "choked flow" and found.events[0].probability > 0.6
     assert sum(e["probability"] for e in found.as_dict()["probabilities"]) == pytest.approx(1)
     assert replace(found, restricted=True).events == ()
+
+
+def test_a_difference_that_persists_throughout_records_is_worth_as_many_blocks_as_records() -> None:
+    """Six records of 100 bins, blocks of two bins: of white differences the records are worth some 300 blocks (their variance
+    is estimated from six sums, so that it may be off by half), of a shift of each record six, less one for the mean."""
+    draws = np.random.default_rng(1)
+    stretch, counts = np.repeat(np.arange(6), 100), np.ones(600)
+    for _ in range(5):
+        white = draws.normal(size=600)
+        shift = np.repeat(draws.normal(size=6), 100) + 0.1 * white
+        assert 100 < probability._independent_blocks(np.array([0 * white, white]), counts, stretch, 2.0) <= 300
+        assert 4.5 < probability._independent_blocks(np.array([0 * shift, shift]), counts, stretch, 2.0) < 6
+    # of three records no variance is estimated
+    assert probability._independent_blocks(np.array([shift[:300]]), counts[:300], stretch[:300], 2.0) == 150

@@ -32,6 +32,7 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.core.errors import listing
 from heavebond.diagnosis.candidates.catalogue import Candidate
@@ -52,6 +53,7 @@ OUTSIDE, OTHER = "outside the catalogue", "another effect of the catalogue"
 TEMPERATURES = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 Share = TypeVar("Share", float, Array)
 KEPT = 0.01  # weight at any of these from which on an effect is listed in a file
+CLUSTERS = 4  # stretches of records from which on a variance between them can be estimated
 STATED = 0.01  # probability from which on an effect that the answer leaves out is listed by itself
 
 
@@ -276,13 +278,33 @@ def law_weights(trials: Sequence[Refit]) -> dict[float, Array]:
     drawn = resampled(stretch, max(lengths, default=1.0), DECISION.draws, np.random.default_rng(0))
     log = np.log(np.maximum((drawn @ part.T) / (drawn @ counts)[:, None], 1e-300))
     ahead = log - log.min(axis=1, keepdims=True)
-    blocks = len(counts) / max(lengths, default=1.0)
+    blocks = _independent_blocks(part - part[first], counts, stretch, max(lengths, default=1.0))
     noise = 1 / max(1.0, min(float(e.sums.sum()) for e in errors) / samples)
     for t in TEMPERATURES:
         power = (noise * samples / t + (1 - noise) * min(samples / t, blocks)) / 2 if t > 0 else 0.0
         each = np.exp(-power * ahead) if t > 0 else (ahead == 0).astype(float)
         found[t][close] = np.mean(each / each.sum(axis=1, keepdims=True), axis=0)
     return found
+
+
+def _independent_blocks(differences: Array, counts: Array, stretch: NDArray[np.int64], length: float) -> float:
+    """The number of independent blocks that the bins are worth for differences (m, k) of errors: at most as many as blocks
+    of this `length` (bins), and fewer if the differences vary more between stretches (records) than such blocks would.
+
+    A parameter that differs between records (a friction that has warmed up) makes a difference persist throughout a record.
+    The variance of a sum over S stretches is then that of S independent numbers.
+    """
+    blocks, count = len(counts) / length, int(stretch.max(initial=-1)) + 1
+    if count < CLUSTERS:
+        return blocks
+    edges = np.arange(0, len(counts), max(1, round(length)))
+    ratios = []
+    for d in differences:
+        centred = d - d.sum() / counts.sum() * counts
+        between, within = np.bincount(stretch, centred), np.add.reduceat(centred, edges)
+        if within.any():
+            ratios.append(float(between @ between) * count / (count - 1) / float(within @ within))
+    return blocks / max(1.0, float(np.median(ratios)) if ratios else 1.0)
 
 
 def _p_value(left: ResidualTests) -> float:
