@@ -197,8 +197,8 @@ def test_a_diagnosis_states_probabilities() -> None:
 
 
 def test_a_difference_that_persists_throughout_records_is_worth_as_many_blocks_as_records() -> None:
-    """Six records of 100 bins, blocks of two bins: of white differences the records are worth some 300 blocks (their variance
-    is estimated from six sums, so that it may be off by half), of a shift of each record six, less one for the mean."""
+    """Six records of 100 bins, blocks of two bins: of white differences the records are worth some 300 blocks (the variance
+    comes from six sums, so that it may be off by half), of a shift of each record six, less one for the mean."""
     draws = np.random.default_rng(1)
     stretch, counts = np.repeat(np.arange(6), 100), np.ones(600)
     for _ in range(5):
