@@ -311,7 +311,7 @@ class _Search:
                 at[i] = *cells[name], NUMBERS[self.turns[name]]
         if len(left) < 2:
             return
-        reach, nearest = {i: (math.inf, 0) for i in left}, left.pop(0)
+        reach, nearest = dict.fromkeys(left, (math.inf, 0)), left.pop(0)
         while left:
             j, (x, y, turn), known = nearest, at[nearest], costs[nearest]
             least = math.inf, 0
