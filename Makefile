@@ -81,10 +81,11 @@ false-alarms confusion detectability compensator: $(READY)
 	$(BIN)/python -m benchmarks.diagnosis.$(subst -,_,$@)
 	$(BIN)/python -m benchmarks.diagnosis.page
 
+# --no-compile: Python compiles what is imported, a small part of all packages
 $(READY): pyproject.toml $(CONSTRAINTS)
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "heavebond needs Python 3.11 or newer; say which one with: make PYTHON=python3.11 ...")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(if $(CONSTRAINTS),--constraint $(CONSTRAINTS)) --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile $(if $(CONSTRAINTS),--constraint $(CONSTRAINTS)) --editable '.[dev]'
 	@touch $(READY)
 
 clean:
