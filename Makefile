@@ -9,7 +9,7 @@ CONSTRAINTS ?= .ci/constraints.txt
 # files with tests marked `long`: the others need not be read for `make test-long`
 LONG := $(shell grep -l 'mark\.long' tests/test_*.py)
 
-.PHONY: demo quick lowest test test-long test-slow coverage lint types pages docs bench scaling fuzz mutants false-alarms confusion detectability compensator clean
+.PHONY: demo quick lowest test test-long test-all test-slow coverage lint types pages docs bench scaling fuzz mutants false-alarms confusion detectability compensator clean
 
 demo: $(READY)
 	$(BIN)/heavebond demo --output demo
@@ -18,9 +18,13 @@ demo: $(READY)
 test: $(READY)
 	$(BIN)/python -m pytest -n logical --dist worksteal -m "not slow and not long"
 
-# what the continuous integration runs beside `make test`: the pages' blocks, whole studies and diagnoses
+# what is left out of `make test`: the pages' blocks, whole studies and diagnoses
 test-long: $(READY)
 	$(BIN)/python -m pytest -n logical --dist worksteal -m "long and not slow" $(LONG)
+
+# both in one run, so that each file is read once and the processors wait once for the last test
+test-all: $(READY)
+	$(BIN)/python -m pytest -n logical --dist worksteal -m "not slow"
 
 # under a minute: language, units, structure, start, verdict, and the library beside its formulas
 QUICK := expression units lists language names medium grounding incidence states newton corners quick signals saved \
@@ -77,10 +81,11 @@ false-alarms confusion detectability compensator: $(READY)
 	$(BIN)/python -m benchmarks.diagnosis.$(subst -,_,$@)
 	$(BIN)/python -m benchmarks.diagnosis.page
 
+# --no-compile: Python compiles what is imported, a small part of all packages
 $(READY): pyproject.toml $(CONSTRAINTS)
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "heavebond needs Python 3.11 or newer; say which one with: make PYTHON=python3.11 ...")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(if $(CONSTRAINTS),--constraint $(CONSTRAINTS)) --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile $(if $(CONSTRAINTS),--constraint $(CONSTRAINTS)) --editable '.[dev]'
 	@touch $(READY)
 
 clean:

@@ -107,10 +107,11 @@ def detailed(folder: Path) -> Path:
 
 
 def _of_study(name: str, folder: Path, file: str = "", points: int | None = None) -> Path:
-    """The first picture of a study, over so many levels of its last axis."""
+    """The first picture of a study; over so many levels of its last axis and without its tuning if `points` is given."""
     study = load_study(f"cmc_ahc/studies/{name}")
     if points is not None:
-        study = replace(study, axes=(*study.axes[:-1], replace(study.axes[-1], levels=study.axes[-1].levels[:points])))
+        study = replace(study, axes=(*study.axes[:-1], replace(study.axes[-1], levels=study.axes[-1].levels[:points])),
+                        task=None, procedures=())
     result = hb.run_study(study, processes=1)
     return plot.save(plot_study(result, study.pictures[0]), folder / f"{file or name}.png")
 
@@ -120,9 +121,9 @@ def published_fig6(folder: Path) -> Path:
     return _of_study("fig6", folder, "published_fig6")
 
 
-def published_fig8(folder: Path) -> Path:
+def published_fig8(folder: Path, points: int | None = None) -> Path:
     """Weight on bit, active with tuned gains, with and without friction."""
-    return _of_study("fig8", folder, "published_fig8")
+    return _of_study("fig8", folder, "published_fig8", points)
 
 
 def mru_failure(folder: Path) -> Path:
@@ -141,10 +142,11 @@ def accumulator(folder: Path, points: int | None = None) -> Path:
 
 
 def sea_states(folder: Path, points: int | None = None) -> Path:
-    """Weight on bit and stroke over the significant height; `points` heights and seeds, one level of the other axes."""
+    """Weight on bit and stroke over the significant height; `points` heights and seeds, one level of the other axes, over
+    two minutes."""
     study = load_study("cmc_ahc/studies/sea_states")
     if points is not None:
-        study = replace(study, axes=tuple(replace(
+        study = replace(study, end=study.begin + 120.0, axes=tuple(replace(
             axis, levels=axis.levels[:1 if axis.unit is None and axis.sampling is None else points]) for axis in study.axes))
     return plot.save(plot_study(hb.run_study(study), study.pictures[0]), folder / "sea_states.png")
 

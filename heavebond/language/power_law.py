@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 from math import inf, sqrt
 
@@ -132,9 +133,13 @@ def usual_sizes(domains: Iterable[Domain]) -> dict[Dimension, float]:
     A stiffness, for example, is of the size of a force over that of a position. Where one dimension comes about in
     several ways (kg/s**2 is a stiffness, and a mass flow over a time), the domain that stands first decides.
     """
-    members = [[(m.unit.dimension, m.nominal) for m in domain.members.values()] for domain in domains]
+    return _sizes(tuple(tuple((m.unit.dimension, m.nominal) for m in domain.members.values()) for domain in domains))
+
+
+@lru_cache(maxsize=64)
+def _sizes(members: tuple[tuple[tuple[Dimension, float], ...], ...]) -> dict[Dimension, float]:
     found: dict[Dimension, float] = {ONE: 1.0, SECOND: 1.0}
-    groups = [*members, [m for group in members for m in group]]
+    groups = [*members, tuple(m for group in members for m in group)]
     for group in groups:
         _note(found, group, (0, 1, -1, 2, -2))
     for power in (-1, 1):  # ratios of everything before products: an area is rather N/Pa than m*m
@@ -169,7 +174,16 @@ class _Trial:
         self.ports = self._ports()
         self.size = np.array([self._size(slot) for slot in self.made.slots])
         self.low, self.high = np.array([self._slot_bounds(slot) for slot in self.made.slots]).T
+        self.usual = {n: self._usual(p.unit) for n, p in component.parameters.items()}
         self.system, self.terms = self._functions()
+        # arrays on which `system` is called: with matrices of CasADi the conversions take longer than the evaluation
+        self.given = [np.zeros(self.system.nnz_in(k)) for k in range(3)]
+        self.results = [np.zeros(self.system.size_out(k), order="F") for k in range(2)]
+        self.buffer, self.evaluate = self.system.buffer()
+        for bind, arrays in ((self.buffer.set_arg, self.given), (self.buffer.set_res, self.results)):
+            for k, values in enumerate(arrays):
+                if values.size:
+                    bind(k, memoryview(values.ravel(order="K")))
         self.assignments = self._assignments()
 
     # -- the equations and the powers ------------------------------------------------------------------------------
@@ -213,7 +227,7 @@ class _Trial:
         # what is exchanged between the stores of one component may cancel, in a pendulum all of it
         exchanged = ca.dot(ca.fabs(ca.gradient(store, stack(levels[:-1]))), ca.fabs(stack(levels[1:])))
         apparent = sum((a for _, a in own), ca.SX(0))
-        return (ca.Function("system", [y, p, t], [rows, ca.densify(ca.jacobian(rows, y))]),
+        return (ca.Function("system", [y, p, t], [ca.densify(rows), ca.densify(ca.jacobian(rows, y))]),
                 ca.Function("terms", [y, p, t], [stack([*energy, apparent, exchanged, *(power for power, _ in own)])]))
 
     def _derivatives(self, residuals: list[ca.SX], orders: list[int], levels: list[ca.SX], t: ca.SX) -> list[ca.SX]:
@@ -272,8 +286,9 @@ class _Trial:
         inside = low + self.random.random(len(size)) * (high - low)
         return np.where(below & above, inside, np.where(below, low + number, np.where(above, high - number, signed)))
 
-    def _parameter(self, parameter: Parameter) -> float:
+    def _parameter(self, name: str) -> float:
         """Around its default; else of the usual size of its unit; now and then at the value where it does nothing."""
+        parameter = self.component.parameters[name]
         low = -inf if parameter.low is None else parameter.low
         high = inf if parameter.high is None else parameter.high
         if parameter.neutral is not None and self.random.random() < 0.3:
@@ -281,15 +296,20 @@ class _Trial:
         default = constant(parameter.default.expr) if parameter.default is not None else None
         if default:
             return float(np.clip(default * 10 ** self.random.uniform(-0.5, 0.5), low, high))
-        size = self._usual(parameter.unit)
+        size = self.usual[name]
         if low > -inf and high == inf:
             return low + float(size * 10 ** self.random.uniform(-1, 1))
-        return float(self._spread(*np.array([[size], [low], [high]]))[0])
+        number = size * 10 ** self.random.uniform(-3, 0.5)  # as `_spread`
+        signed = -number if self.random.random() < 0.5 else number
+        inside = self.random.random()
+        if low > -inf:
+            return low + inside * (high - low)
+        return signed if high == inf else high - number
 
     def _parameters(self) -> Array | None:
         """Values for all parameters that meet `requires:`, None where thirty draws did not; then for what is held."""
         for _ in range(30):
-            p = np.array([self._parameter(self.component.parameters[n]) for n in self.made.parameters])
+            p = np.array([self._parameter(n) for n in self.made.parameters])
             for elements, symmetric in self.matrices:
                 p[elements] = _positive(p[elements], symmetric)
             if not self.component.requires or np.all(np.array(self.made.requirements(p))):
@@ -362,8 +382,11 @@ class _Trial:
         return None
 
     def _at(self, y: Array, p: Array, t: float) -> tuple[Array, Array]:
-        residual, jacobian = self.system(y, p, t)
-        return np.asarray(residual).ravel(), np.asarray(jacobian).reshape(-1, len(y))
+        for values, value in zip(self.given, (y, p, t), strict=True):
+            values[:] = value
+        self.evaluate()
+        residual, jacobian = (values.copy(order="F") for values in self.results)
+        return residual.ravel(), jacobian
 
     def motions(self) -> Iterator[tuple[Array, Array, Array]]:
         """The terms, parameters and jets of motions, until there are enough."""

@@ -8,8 +8,9 @@ that the same diagram is always drawn the same way).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 
 from heavebond.pictures.pictograms import MIRROR, SIDES, STRAIGHT, Matrix, Shape
 
@@ -22,8 +23,9 @@ SWEEPS, STARTS = 6, 5
 MOST_MOVED = 40  # larger sheets are not improved: each sweep tries every pair; parts stand beside what they are joined to
 NEIGHBOURS = 6
 Cell = tuple[int, int]
-# the cost of a wire between two ports: by the pair, and by how they are turned and how far they are apart
-Known = dict[tuple[str, str, str, str], dict[tuple[Matrix, Matrix, int, int], float]]
+NUMBERS: dict[Matrix, int] = {(a, b, c, d): k for k, (a, b, c, d) in enumerate(product((-1, 0, 1), repeat=4))}
+# the cost of a wire between two ports: by the pair, and by how they are turned (numbered) and how far they are apart
+Known = dict[tuple[str, str, str, str], dict[tuple[int, int, int, int], float]]
 Place = tuple[int, int, str]  # x, y, side
 
 
@@ -114,7 +116,8 @@ class _Search:
                 self.of[name].append(k)
         self.on_edge = [p.name for p in pieces if p.side]
         self.shapes: dict[tuple[str, Matrix], Shape] = {}
-        self.costs = known
+        # of each net what wires between its terminals cost, by two terminals
+        self.costs = [[[known.setdefault((*one, *two), {}) for two in net] for one in net] for net in self.nets]
         self.cells: dict[str, Cell] = {}
         self.turns: dict[str, Matrix] = {}
         self.taken: dict[Cell, str] = {}
@@ -273,7 +276,7 @@ class _Search:
         `most` on it need not be known by how much it is more: all parts of a cost are above zero."""
         total = 0.0
         for k in self.of[names[0]] if len(names) == 1 else dict.fromkeys(k for name in names for k in self.of[name]):
-            total += self._net_cost(k)
+            total += self._net_cost(k, most - total)
             if total >= most:
                 return total
         for name in names:
@@ -288,63 +291,68 @@ class _Search:
         return edge is not None and {"left": cell[0] <= edge[0], "right": cell[0] >= edge[0], "top": cell[1] <= edge[1],
                                      "bottom": cell[1] >= edge[1]}[self.pieces[other].side]
 
-    def _net_cost(self, k: int) -> float:
-        """The length of a tree over the placed terminals, bends and parts in between counted in."""
-        ends = self._ends(k)
-        return self._pair(*ends) if len(ends) == 2 else sum(cost for cost, _, _ in self._tree(ends))
+    def _net_cost(self, k: int, most: float = math.inf) -> float:
+        """The length of a tree over the placed terminals, bends and parts in between counted in; from `most` on it need not
+        be known by how much it is more."""
+        total = 0.0
+        for cost, _, _ in self._tree(k):
+            total += cost
+            if total >= most:
+                break
+        return total
 
-    def _ends(self, k: int) -> list[tuple[str, str]]:
-        return [end for end in self.nets[k] if end[0] in self.cells]
-
-    def _tree(self, ends: list[tuple[str, str]]) -> list[tuple[float, int, int]]:
-        """The cheapest tree over the ends of a net (Prim): cost of each piece and the two ends that it joins."""
-        reach = [(math.inf, 0)] * len(ends)
-        left, found, j = list(range(1, len(ends))), [], 0
+    def _tree(self, k: int) -> Iterator[tuple[float, int, int]]:
+        """The cheapest tree over the placed ends of a net (Prim): cost of each piece and the two ends that it joins."""
+        net, costs, cells, taken = self.nets[k], self.costs[k], self.cells, self.taken
+        left, at = [], {}
+        for i, (name, _) in enumerate(net):
+            if name in cells:
+                left.append(i)
+                at[i] = *cells[name], NUMBERS[self.turns[name]]
+        if len(left) < 2:
+            return
+        reach, nearest = dict.fromkeys(left, (math.inf, 0)), left.pop(0)
         while left:
+            j, (x, y, turn), known = nearest, at[nearest], costs[nearest]
+            least = math.inf, 0
             for i in left:
-                way = self._pair(ends[j], ends[i]), j
-                if way < reach[i]:
-                    reach[i] = way
-            j = min(left, key=reach.__getitem__)
-            left.remove(j)
-            found.append((reach[j][0], reach[j][1], j))
-        return found
+                u, v, other = at[i]
+                # it depends on how far apart the two are, not on where they are: most of it was worked out before
+                key = turn, other, u - x, v - y
+                cost = known[i].get(key)
+                if cost is None:
+                    cost = known[i][key] = self._nearest(net[j], net[i])[0]
+                if y == v:
+                    for c in range(x + 1, u) if x < u else range(u + 1, x):
+                        if (c, y) in taken:
+                            cost += BETWEEN
+                elif x == u:
+                    for r in range(y + 1, v) if y < v else range(v + 1, y):
+                        if (x, r) in taken:
+                            cost += BETWEEN
+                way = reach[i]
+                if (cost, j) < way:
+                    way = reach[i] = cost, j
+                if way < least:
+                    least, nearest = way, i
+            left.remove(nearest)
+            yield (*least, nearest)
 
     def leaving(self) -> dict[str, frozenset[str]]:
         """The sides on which the trees of the nets leave each piece."""
         found: dict[str, set[str]] = {name: set() for name in self.pieces}
         for k in range(len(self.nets)):
-            ends = self._ends(k)
-            for _, i, j in self._tree(ends):
-                _, p, q = self._nearest(ends[i], ends[j])
-                found[ends[i][0]].add(p[2])
-                found[ends[j][0]].add(q[2])
+            for _, i, j in self._tree(k):
+                one, two = self.nets[k][i], self.nets[k][j]
+                _, p, q = self._nearest(one, two)
+                found[one[0]].add(p[2])
+                found[two[0]].add(q[2])
         return {name: frozenset(sides) for name, sides in found.items()}
 
     def _nearest(self, one: tuple[str, str], two: tuple[str, str]) -> tuple[float, Place, Place]:
         """The cheapest wire between two ports, and where it would end."""
         return min(((extra + more + wire_cost(p, q), p, q) for p, extra in self._places(*one)
                     for q, more in self._places(*two)), key=lambda found: found[0])
-
-    def _pair(self, one: tuple[str, str], two: tuple[str, str]) -> float:
-        """The cost of the cheapest wire between two ports, with what stands in between."""
-        (name, port), (other, at) = one, two
-        (x, y), (u, v) = self.cells[name], self.cells[other]
-        # it depends on how far apart the two are, not on where they are: most of it was worked out before
-        known = self.costs.setdefault((name, port, other, at), {})
-        key = self.turns[name], self.turns[other], u - x, v - y
-        cost = known.get(key)
-        if cost is None:
-            cost = known[key] = self._nearest(one, two)[0]
-        if y == v:
-            for c in range(min(x, u) + 1, max(x, u)):
-                if (c, y) in self.taken:
-                    cost += BETWEEN
-        elif x == u:
-            for r in range(min(y, v) + 1, max(y, v)):
-                if (x, r) in self.taken:
-                    cost += BETWEEN
-        return cost
 
     def _places(self, name: str, port: str) -> list[tuple[Place, float]]:
         """Where a port may be reached, with what an unusual side costs."""
