@@ -248,7 +248,8 @@ def _varying_pivots(assembly: Assembly) -> ca.Function | None:
     """The coefficients (k, 1) that are divided by and may vary along a run; None where all follow from parameters."""
     whole = assembly.pivots(*assembly.arguments)
     fixed = assembly.flat.places.keys()
-    varying = [c for c in split(whole) if any(s.element_hash() not in fixed for s in ca.symvar(c))]
+    varying = [c for c, q in zip(split(whole), assembly.reduced.pivots, strict=True)
+               if not q.derived and any(s.element_hash() not in fixed for s in ca.symvar(c))]
     return ca.Function("varying_pivots", list(assembly.arguments), [stack(varying)]) if varying else None
 
 
