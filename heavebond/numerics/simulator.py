@@ -70,6 +70,7 @@ class Simulator:
         self.along = _directions(assembly, self.parameters, self.tolerances.along)
         self.along = np.pad(self.along, ((0, 0), (0, len(self.sensitivities) - len(self.parameters))))
         self.time = grid(assembly.model, until, every) if times is None else np.asarray(times, float)
+        self.begin = float(self.time[0])  # from which integrators count the time
         self.pieces: Pieced = driven or (like.pieces if like is not None and self._driven_as(like) else
                                          pieced(assembly.flat, float(self.time[0]), float(self.time[-1])))
         self.quadratures, self.factors = quadratures, factors
@@ -185,7 +186,8 @@ class Simulator:
         return Buffered(self.integrand.hoist)
 
     def _made(self, assembly: Assembly, quadratures: ca.SX | None) -> Integrand:
-        made = summed(integrand(assembly, quadratures, len(self.sensitivities), self._moving(assembly)), self.factors)
+        made = summed(integrand(assembly, quadratures, len(self.sensitivities), self._moving(assembly),
+                                self.begin), self.factors)
         # an integrator stops where an input changes: the last one counts the kinks
         dae = {**made.dae, "u": stack([made.dae["u"], ca.SX.sym("kinks")])} if self._counts_kinks else made.dae
         return replace(made, dae=dae, longest=self.longest)
@@ -217,7 +219,8 @@ class Simulator:
 
     def _integrator(self) -> Integrator:
         """From the first stop to the others."""
-        return integrator(self.solver.name, self.integrand, self.stops, self.solver.controlled(self.tolerances))
+        return integrator(self.solver.name, self.integrand, self.stops - self.begin,
+                          self.solver.controlled(self.tolerances))
 
     def _driven(self, times: Array) -> dict[str, Array]:
         """What drives the integrator between its stops, at times between them."""
@@ -475,7 +478,7 @@ class Simulator:
     def _stop_time(self, times: list[float]) -> float:
         """When the integrator gave up (s; NaN if it did not say), by the times that it named."""
         if self.switching is None or self.switching.last is None:
-            return max(times) * time_unit(self.stops) if times else float("nan")
+            return self.begin + max(times) * time_unit(self.stops - self.begin) if times else float("nan")
         return self.switching.last.time(times[-1]) if times else self.switching.last.begin.t
 
     def _stop(self, assembly: Assembly, first: Start, times: list[float]) -> Stop:
@@ -562,7 +565,7 @@ class Simulator:
         if len(stops) < 3 or not np.any(moves > DENSE_POINTS.moved * ranges[:n]):
             return stops, x, z
         name = "idas" if len(z) else self.solver.name
-        again = integrator(name, self.integrand, times, self.solver.controlled(self.tolerances))
+        again = integrator(name, self.integrand, times - self.begin, self.solver.controlled(self.tolerances))
         with caught_errors():
             try:
                 found = again(x0=x[:, 0], z0=z[:, 0], p=p, **self._driven((times[:-1] + times[1:]) / 2))
@@ -598,7 +601,8 @@ class Simulator:
         try:
             _, first, moved = self._started(parameters)
             stops = self.stops[:points + 1]
-            made = integrator(self.solver.name, self.integrand, stops, self.solver.controlled(self.tolerances))
+            made = integrator(self.solver.name, self.integrand, stops - self.begin,
+                              self.solver.controlled(self.tolerances))
             x0, z0, p = self._scaled_start(first, moved)
             began = clock.thread_time()
             with caught_errors():
@@ -608,7 +612,8 @@ class Simulator:
         integration.expect((clock.thread_time() - began) * (len(self.stops) - 1) / points)
 
     def _settled(self, x: Array, z: Array, p: ca.DM | Array, times: Array) -> Array:
-        return z if self.loops is None else settled(self.loops, x, z, p, times, self.inputs(times))
+        return z if self.loops is None else settled(self.loops, x, z, p, times - self.begin,
+                                                    self.inputs(times))
 
 
 def _by_direction(values: Array, sizes: Array) -> Array:
