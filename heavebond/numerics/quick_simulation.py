@@ -222,14 +222,10 @@ class Unexplained(Simulator):
             raise self._failure(self.assembly, first, "a value became infinite or not a number")
         if limits:
             n_x, n_z = len(first.x), len(first.z)
-            check_limits(Result(self.assembly, self.time, whole.x[:n_x, self._keep] * self.assembly.x_nominal[:, None],
-                                whole.z[:n_z, self._keep] * self.assembly.z_nominal[:, None], self._inputs_at_outputs,
+            check_limits(Result(self.assembly, self.stops, whole.x[:n_x] * self.assembly.x_nominal[:, None],
+                                whole.z[:n_z] * self.assembly.z_nominal[:, None], self.pieces.at(self.stops),
                                 first.p, first))
         return found
-
-    @cached_property
-    def _inputs_at_outputs(self) -> Array:
-        return self.pieces.at(self.time)
 
     def _compiled(self, driver: CompiledCvodes, first: Start, moved: Tangent | None, states: bool,
                   watch: Watch | None = None) -> Integrated:

@@ -109,6 +109,11 @@ class Result:
         points, settle = self._points
         return points if settle is None else replace(points, z=settle(np.arange(len(points.time))))
 
+    @property
+    def unsettled(self) -> Result:
+        """As `dense`, with algebraic unknowns that the integrator interpolated."""
+        return self if self._points is None else self._points[0]
+
     def figures(self, names: Iterable[str]) -> dict[str, SignalFigures]:
         """Extremes, mean, root mean square and last value of signals, each in `result.unit(name)`. They are taken from
         `dense` and do not depend on the output points."""

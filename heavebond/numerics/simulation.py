@@ -82,8 +82,9 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
     try:
         result = run_by_auto(simulator, parameters, allow_fmu) if asked == "auto" else _run_as_asked(simulator, parameters)
     except LimitPassed as error:
-        result = resolved(error, simulator.time, lambda times: Simulator(
-            assembly, times=times, tolerances=simulator.tolerances, allow_fmu=allow_fmu).run(parameters))
+        result = resolved(error, simulator.time, lambda times, dense: Simulator(
+            assembly, times=times, tolerances=simulator.tolerances, sensitivities=simulator.parameters, allow_fmu=allow_fmu,
+            dense=dense).run(parameters))
     report_verdict(assembly.model.name, result.verdict)
     return result
 

@@ -31,7 +31,7 @@ from heavebond.numerics.inputs import Pieced, pieced
 from heavebond.numerics.jumps import EventEquations
 from heavebond.numerics.looks import Looks
 from heavebond.numerics.output_times import DENSE_POINTS, Time, grid, refined
-from heavebond.numerics.physical_limits import check_limits
+from heavebond.numerics.physical_limits import WATCHED, check_limits, limited
 from heavebond.numerics.result import ForwardSensitivities, Result, Settle, Stayed
 from heavebond.numerics.sizes import SIZES, far_below, fitting_sizes
 from heavebond.numerics.solvers import DEFAULT, RETYPE, Choice, Explicit, Integrator, algebraic_left, chosen, integrator
@@ -91,6 +91,13 @@ class Simulator:
         """Whether points may be added between the stops."""
         return True
 
+    @property
+    def _watched(self) -> bool:
+        """Whether a run without points between its output points has some to test its physical limits there. Measured inputs
+        have their own, at which a method may begin anew."""
+        return len(self.time) <= WATCHED and not (self.dense or self.assembly.flat.inputs) and \
+            len(limited(self.assembly).unknowns) > 0
+
     def prepare(self) -> None:
         """Build the integrator."""
         self.integrator = self._integrator()
@@ -132,6 +139,8 @@ class Simulator:
         self._points = len(stops)
         if self.dense and not self._cut:
             stops = refined(stops, len(self.assembly.x_nominal) * (1 + len(self.sensitivities)) + self.integrals)
+        elif self._watched:
+            stops = refined(stops, 1, WATCHED)
         self.stops, self._keep = stops, np.searchsorted(stops, self.time)
 
     def _renew(self) -> None:
@@ -334,9 +343,10 @@ class Simulator:
             return in_states(assembly, np.arange(len(keep)), found.x, found.z, stays)
 
         result = taken(found, self.time, self._keep)
-        check_limits(result)
-        self._check_decided(result)
         if found.between is None:
+            check_limits(result, taken(found, self.stops, np.arange(len(self.stops)))
+                         if len(self.stops) > len(self.time) else None)
+            self._check_decided(result)
             return result
 
         def dense() -> tuple[Result, Settle | None]:
@@ -345,7 +355,10 @@ class Simulator:
                 times, trace, settle = found.between()
             return taken(trace, times, np.arange(len(times))), settle
 
-        return replace(result, between=dense)
+        result = replace(result, between=dense)
+        check_limits(result)
+        self._check_decided(result)
+        return result
 
     def _fitting_sizes(self, assembly: Assembly, first: Start, moved: Tangent | None, found: Trace) -> dict[str, float]:
         """Sizes of unknowns that fit a run, where it stays far below those that it was integrated with."""

@@ -413,11 +413,15 @@ def _passed(kind: str, u: Unknown, values: Array, time: Array, over: NDArray[np.
     """A limit that is passed, first at the time at which the straight line between two points meets it."""
     worst = float(values[int(np.argmax(np.abs(values - limit) * over))])
     edge, k = limit if kind in ("range", "physical") else float(np.copysign(limit, worst)), int(np.argmax(over))
-    first = float(time[k])
-    if k > 0 and values[k] != values[k - 1]:
-        share = float(np.clip((edge - values[k - 1]) / (values[k] - values[k - 1]), 0, 1))
-        first = float(time[k - 1]) + share * (first - float(time[k - 1]))
-    return finding_of(kind, u, first, worst, edge, advice)
+    return finding_of(kind, u, crossing_time(time, values, k, edge), worst, edge, advice)
+
+
+def crossing_time(time: Array, values: Array, k: int, level: float) -> float:
+    """When a course (N,) passes a level before its k-th point, on a straight line; its time if it was beyond already."""
+    if k == 0 or not np.isfinite(values[k]) or values[k] == values[k - 1]:
+        return float(time[k])
+    share = float(np.clip((level - values[k - 1]) / (values[k] - values[k - 1]), 0, 1))
+    return float(time[k - 1] + share * (time[k] - time[k - 1]))
 
 
 def finding_of(kind: str, u: Unknown, time: float, value: float, limit: float | None, advice: str) -> Finding:
