@@ -43,11 +43,11 @@ def check_initial(component: Component, lookup: Lookup, problems: Problems) -> N
     outputs = {name for name, signal in component.signals.items() if signal.direction == "out"}
     for reset in component.initial:
         try:
-            if reset.target.text not in {*component.unknowns, *component.variables, *outputs} - {*component.held}:
+            if reset.target.text.partition("[")[0] not in {*component.unknowns, *component.variables, *outputs} - {*component.held}:
                 raise ExpressionProblem("initial-given", f"'{reset.target.text}' is no variable or output of "
                                         f"{component.name} that has an initial value", 0, len(reset.target.text),
                                         f"Name one of {listing(component.variables)}." if component.variables else "")
-            wanted = lookup(Name((reset.target.text,), 0, len(reset.target.text))) or ONE
+            wanted = lookup(Name((reset.target.text.partition("[")[0],), 0, len(reset.target.text))) or ONE
             found = dimension(reset.value.tree, lookup)
         except ExpressionProblem as problem:
             reading.add_expression_problem(problem, reset.target.place, problems)
