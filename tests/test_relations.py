@@ -147,7 +147,8 @@ nodes: {frame: [frame.a, spring.a], load: [spring.b, load.a, push.a], e: [error.
   load: {is: Inertia, J: 0.05 kg*m**2}
   lag: {is: FirstOrderLag, T_1: 20 ms}
   gain: {is: Gain, k: K, u: "=-load.w/(1 rad/s)"}
-nodes: {motor: [drive.a, rotor.a, bearing.a, shaft.a], frame: [frame.a, bearing.b], load: [shaft.b, load.a], g: [gain.y, lag.u]}
+nodes: {motor: [drive.a, rotor.a, bearing.a, shaft.a], frame: [frame.a, bearing.b], load: [shaft.b, load.a],
+        g: [gain.y, lag.u]}
 """, "gain.y", 0.02, 8.0, "drive.u", 0.01),
     "level of three tanks in a row": ("""
   source: {is: FlowSource, u: "=1 L/min*gain.y + 1 L/min + 0.001 L/min*if_else(time < 1 s, 0, 1)"}
@@ -203,7 +204,8 @@ def test_a_loop_settles_at_the_gain_at_zero_frequency(name: str) -> None:
     parts, signal, gain, until, moved, step = LOOPS[name]
     margin = hb.loop_margins(loads(f"model: loop\ncomponents:{parts}".replace("K", repr(gain))), signal).least_gain
     assert margin is not None
-    text = f"model: loop\ncomponents:{parts}simulate: {{until: {2 * until!r} s}}\n".replace("K", repr(0.3 * gain * margin.value))
+    text = f"model: loop\ncomponents:{parts}simulate: {{until: {2 * until!r} s}}\n"
+    text = text.replace("K", repr(0.3 * gain * margin.value))
     run, system = hb.simulate(loads(text)), state_space(loads(text), [moved], [signal])
     expected = float(system.dc_gain()[0, 0]) * step
     slowest = max(s.real for s in system.poles if abs(s) > 1e-6)  # an angle that nothing feels is an integrator

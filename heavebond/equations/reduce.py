@@ -159,8 +159,9 @@ def _check_and_differentiate(flat: Flat, rows: list[list[int]], derivative: list
 
 def _derived(flat: Flat, rows: list[list[int]], matching: Sequence[int], moving: Sequence[int]
              ) -> frozenset[int]:
-    """The signals and variables of components on which no motion depends, such as an efficiency. Motion depends on the unknowns that are differentiated (`moving`), on those of nodes, events and foreign
-    components, and on all unknowns in their equations; `matching` assigns an unknown to each equation (row)."""
+    """The signals and variables of components on which no motion depends, such as an efficiency. Motion depends on the
+    unknowns that are differentiated (`moving`), on those of nodes, events and foreign components, and on all unknowns in
+    their equations; `matching` assigns an unknown to each equation (row)."""
     row_of = {j: i for i, j in enumerate(matching)}
     number = {s.element_hash(): j for level in flat.levels for j, s in enumerate(level)}
     waiting = {*moving, *(j for j, u in enumerate(flat.unknowns) if u.role not in ("own", "signal"))}
@@ -196,8 +197,8 @@ def _chains(columns: list[Column], result: Pantelides) -> Chain:
 @dataclass(frozen=True)
 class System:
     """All equations with their derivatives, in symbols for all unknowns with their derivatives; `constraints` are those
-    that were differentiated. No motion depends on the `derived` unknowns. It can be solved for several choices of states, in the same symbols. `residuals` are those of
-    the `rows`, `columns[k]` (n,) the symbols of the k-th derivatives."""
+    that were differentiated. No motion depends on the `derived` unknowns. It can be solved for several choices of states,
+    in the same symbols. `residuals` are those of the `rows`, `columns[k]` (n,) the symbols of the k-th derivatives."""
 
     flat: Flat
     chain: Chain

@@ -536,8 +536,9 @@ def reason(said: str) -> str:
 
 
 def settled(loops: ca.Function | None, x: Array, z: Array, p: ca.DM | Array, times: Array, inputs: Array) -> Array:
-    """Algebraic unknowns solved anew at every point, with times counted as in the equations: between its steps IDAS only interpolates them, and where the states are
-    quiet its steps are long (and at a jump of an input they belong to the time before it)."""
+    """Algebraic unknowns solved anew at every point, with times counted as in the equations: between its steps IDAS only
+    interpolates them, and where the states are quiet its steps are long (and at a jump of an input they belong to the time
+    before it)."""
     if loops is None:
         return z
     found = np.array(loops(z, np.vstack([times[None, :], x, np.tile(np.array(p), (1, len(times))), inputs])))

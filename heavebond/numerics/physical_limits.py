@@ -22,8 +22,8 @@ EXACT = 1e-6  # of the time of a run: to so much the time of a violation is foun
 
 
 class LimitPassed(SimulationError):
-    """A run passed a physical limit between the times `bracket`; `result` is the run at the output times before, as far as it
-    is known."""
+    """A run passed a physical limit between the times `bracket`; `result` is the run at the output times before, as far
+    as it is known."""
 
     def __init__(self, problems: Iterable[Problem] | str, *, hint: str = "", result: Result | None = None,
                  bracket: tuple[float, float] = (0.0, 0.0)):
@@ -112,8 +112,8 @@ def _below(of: Limited, points: Result) -> NDArray[np.bool_]:
 def resolved(error: LimitPassed, whole: Array, run: Callable[[Array, bool], Result]) -> Result:
     """The run up to its physical limit, which is its last point.
 
-    `whole` are the output times of the run (N,). `run` repeats it with more output times where the violation lies, then up to
-    the violation; its second argument asks for points between the output points.
+    `whole` are the output times of the run (N,). `run` repeats it with more output times where the violation lies, then up
+    to the violation; its second argument asks for points between the output points.
     """
     result = error.result
     assert result is not None and result.ended is not None

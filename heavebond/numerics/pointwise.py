@@ -50,8 +50,8 @@ def undetermined(assembly: Assembly, expression: ca.SX, columns: Sequence[Array]
 
 
 def _quotients(expression: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
-    """The numerators and denominators in an expression; of a product with infinity the other factor, and of what is no number
-    under a condition its opposite, twice."""
+    """The numerators and denominators in an expression; of a product with infinity the other factor, and of NaN under a
+    condition its opposite, twice."""
     found, waiting, known = [], [expression], {expression.element_hash()}
     while waiting:
         node = waiting.pop()

@@ -138,8 +138,8 @@ class Unexplained(Simulator):
             return
         self.solver = Choice("cvodes", "driven by compiled code")
         tolerances = self.tolerances.scaled(self.share)
-        self.driver = CompiledCvodes(self.equations, len(self.sensitivities), self.stops - self.begin, tolerances, self.most_steps,
-                                     self._driving(), self._longest(),
+        self.driver = CompiledCvodes(self.equations, len(self.sensitivities), self.stops - self.begin, tolerances,
+                                     self.most_steps, self._driving(), self._longest(),
                                      self.method if self.driver is None else self.driver.method)
 
     def _integrator(self) -> Integrator:

@@ -87,8 +87,8 @@ class Finding:
 
 # whether a run with such a finding is worthless
 KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False,
-         "growth": False, "scale": False, "undetermined": False, "true-at-start": False, "unstable-start": False, "placeholder": False,
-         "front": False, "time-formula": False}
+         "growth": False, "scale": False, "undetermined": False, "true-at-start": False, "unstable-start": False,
+         "placeholder": False, "front": False, "time-formula": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 

@@ -304,7 +304,8 @@ def without_value(signals: Mapping[str, Array], time: Array, lost: Callable[[str
     for name, course in signals.items():
         undecided = lost(name, course)
         if undecided.any():
-            found.append(Finding("undetermined", name, "", float(time[np.argmax(undecided)]), math.nan, None, "1", UNDETERMINED))
+            first = float(time[np.argmax(undecided)])
+            found.append(Finding("undetermined", name, "", first, math.nan, None, "1", UNDETERMINED))
         if not (np.isfinite(course) | undecided).all():
             at = int(np.argmin(np.isfinite(course) | undecided))
             found.append(Finding("not-finite", name, "", float(time[at]), float(course[at]), None, "1",
