@@ -219,6 +219,7 @@ def test_a_transfer_function_of_third_order_in_milliseconds_and_one_with_a_direc
 components:
   butterworth: {is: TransferFunction, a: [1, 2, 2, 1], b: [0, 0, 0, 1], T: 100 ms, u: 1 V}
   lead: {is: TransferFunction, a: [2, 1], b: [1, 0], u: 1 V}
+initial: {"butterworth.z[1]": 0 V, "lead.z[1]": 0 V}
 simulate: {until: 1 s, every: 10 ms}
 """))
     _, expected = step(([1], [1, 2, 2, 1]), T=result.time/0.1)

@@ -102,3 +102,35 @@ components:
 nodes: {one: [one.y, s.u_1], s: [s.y, lag.u], lag: [lag.y, s.u_2]}
 """)
     assert found["lag.y"] == pytest.approx(found.time / 0.1, abs=SMALL)
+
+
+def test_a_transfer_function_starts_in_the_steady_state_of_its_input() -> None:
+    """A washout at 0, a filter at its DC gain as the FirstOrderLag of the same law, an integrator at 0, in a loop too."""
+    found = run("""
+model: transfer_functions
+components:
+  washout: {is: TransferFunction, a: [1, 1], b: [1, 0], u: 5}
+  second: {is: TransferFunction, a: [2, 6, 4], b: [0, 1, 3], u: 2}
+  integrator: {is: TransferFunction, a: [1, 0], b: [0, 1], u: 2}
+  lag: {is: TransferFunction, a: [0.2, 1], b: [0, 1], u: "=3 + time*(1 1/s)"}
+  same: {is: FirstOrderLag, T_1: 0.2 s, u: "=3 + time*(1 1/s)"}
+  error: {is: Sum, k_1: 1, k_2: -1, u_1: 5}
+  plant: {is: TransferFunction, a: [1, 0.4, 1], b: [0, 0, 4]}
+nodes: {e: [error.y, plant.u], y: [plant.y, error.u_2]}
+""", sensitivities=["second.a[3]"])
+    assert np.abs(found["washout.y"]).max() < SMALL
+    assert found["second.y"] == pytest.approx(1.5, abs=SMALL)
+    assert found.sensitivity("second.y", "second.a[3]") == pytest.approx(-1.5 / 4, abs=SMALL)
+    assert found["integrator.y"] == pytest.approx(2 * found.time, abs=SMALL)
+    assert found["lag.y"] == pytest.approx(found["same.y"], abs=SMALL)
+    assert found["plant.y"] == pytest.approx(4, abs=SMALL)  # 5*4/(1 + 4)
+
+
+def test_an_initial_value_of_the_diagram_comes_before_the_steady_state_of_a_transfer_function() -> None:
+    found = run("""
+model: first
+components:
+  lag: {is: TransferFunction, a: [0.2, 1], b: [0, 1], u: 3}
+initial: {"lag.z[1]": 1}
+""")
+    assert found["lag.y"] == pytest.approx(3 - 2 * np.exp(-found.time / 0.2), abs=SMALL)

@@ -91,6 +91,8 @@ simulate: {until: 1 s}
         hb.simulate(hb.loads(text))
     assert [p.code for p in caught.value.problems] == ["floor-moves"]
     assert "then:" in str(caught.value)
+    with pytest.raises(ModelError, match="SampleHold of a Ramp"):
+        hb.simulate(hb.loads(text.replace("cart.x/(1 m)", "time/(1 s)")))
 
 
 # -- blocks without memory ----------------------------------------------------------------------------------------------

@@ -292,3 +292,48 @@ initial: {load.x: 0 m, load.v: 0 m/s}
     said = str(singular(flat, collapse_rows(flat), [-1] * len(flat.equations), laws))
     assert "equations of spring say the same" in said and "[singular]" in said
     assert "Hooke's law" in said and "spring.yaml:15" in said
+
+
+# a level that dips to -0.05 m for 2.9 s between 49 and 51 s: h = 1 - 1.05 sin(pi t/100)
+DIP = """
+model: dip
+components:
+  tank: {is: OpenTank, A: 1 m**2}
+  flow: {is: FlowSource, u: "=-1.05*3.14159265358979/100*1 m**3/s*cos(3.14159265358979/100*time/(1 s))"}
+  rain: {is: FlowSource, u: 0 L/s}
+nodes: {top: [rain.a, tank.a], bottom: [flow.a, tank.b]}
+initial: {tank.h: 1 m}
+simulate: {until: 100 s, every: 50 s}
+"""
+DIPS = 100 / np.pi * np.arcsin(1 / 1.05)  # s; when it is empty
+
+
+@pytest.mark.parametrize("every", ["100 s", "37 s", "10 ms"])
+@pytest.mark.parametrize("solver", ["auto", "idas"])
+def test_a_limit_that_is_passed_between_output_points_ends_the_run_at_its_time(every: str, solver: str) -> None:
+    with pytest.warns(RunWarning, match="tank.h falls below 0 m"):
+        result = hb.simulate(hb.loads(DIP), every=every, solver=solver)
+    # the straight line meets the limit within 1e-6 of the run
+    assert result.ended is not None and result.ended.time == pytest.approx(DIPS, abs=1e-4)
+    assert result.time[-1] == result.ended.time and result["tank.h"][-1] == pytest.approx(0, abs=1e-5)
+
+
+@pytest.mark.parametrize("kind", [Simulator, FitSimulator, QuickSimulator, CaseSimulator])
+def test_a_trial_beyond_a_limit_between_output_points_fails_in_every_simulator_of_a_search(kind: type[Simulator]) -> None:
+    assembly = hb.assemble(hb.loads(DIP))
+    with pytest.raises(SimulationError) as failed:
+        kind(assembly, times=np.array([0.0, 30.0, 100.0])).run()
+    assert failed.value.problems[0].code == "run-physical"
+    quiet = hb.assemble(hb.loads(DIP.replace("1.05", "0.95")))
+    assert kind(quiet, times=np.array([0.0, 50.0, 100.0])).run()["tank.h"] == pytest.approx([1, 0.05, 1], abs=1e-6)
+
+
+def test_a_limit_between_output_points_ends_a_run_with_events() -> None:
+    text = DIP.replace("  rain:", "  clock: {is: Relay, u: '=time/(1 s)', u_on: 20, u_off: 10, y_on: 1}\n  rain:")
+    with pytest.warns(RunWarning, match="tank.h falls below 0 m"):
+        result = hb.simulate(hb.loads(text))
+    assert result.ended is not None and result.ended.time == pytest.approx(DIPS, abs=1e-3)
+    assert len(result.events) >= 1
+    for kind in (Simulator, FitSimulator):
+        with pytest.raises(SimulationError, match="run-physical"):
+            kind(hb.assemble(hb.loads(text)), times=np.array([0.0, 30.0, 100.0])).run()

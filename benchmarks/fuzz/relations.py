@@ -163,6 +163,8 @@ def _movable(name: str, given: Sheet, assembly: Assembly) -> bool:
     component = component_of(entry["is"], assembly)
     if component is None or "repeat" in entry or any(p.count or "$" in p.domain for p in component.ports.values()):
         return False
+    if any(value == name for other in given.parts.values() for key, value in other.items() if key != "is"):
+        return False  # a data sheet, which stands beside the part that takes its values
     values = [v for k, v in entry.items() if k not in ("is", "at")]
     if not all(isinstance(v, str) and not names_in(v) for v in values):
         return False
@@ -224,8 +226,8 @@ def _split(given: Sheet, assembly: Assembly, rules: dict[str, dict[str, float]],
         rule = rules.get(entry["is"])
         component = component_of(entry["is"], assembly)
         own = {*component.parameters, *component.unknowns} if component is not None else set()
-        # what is named elsewhere is not what it was
-        if rule is None or component is None or "repeat" in entry or not {*rule} & {*entry} or \
+        # what is named elsewhere is not what it was, and a node may have the name of a part that is on it
+        if (rules is SERIES and name in nodes) or rule is None or component is None or "repeat" in entry or not {*rule} & {*entry} or \
                 any(re.search(rf"\b{name}\.{word}\b", said) for word in own):
             continue
         if not all(isinstance(entry.get(key, ""), str) for key in rule) or component.path.parent.name == "components":

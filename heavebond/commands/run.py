@@ -63,7 +63,6 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
     from heavebond.language.model import load
     from heavebond.numerics.run_verdict import report_verdict
     from heavebond.numerics.simulation import changes_of, simulate
-    from heavebond.numerics.validity import without_value
     from heavebond.text.expression import names as names_in
 
     if plotted and output is None:
@@ -85,7 +84,7 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
     names = list(dict.fromkeys([*listed, *plotted]))
     figures = _figures(result, names)
     if not result.verdict.failed and any(not math.isfinite(float(f["rms"])) for f in figures.values()):
-        report_verdict(f"{assembly.model.name}, outputs", without_value(result.signals(names), result.time))
+        report_verdict(f"{assembly.model.name}, outputs", result.without_value(names))
     console = terminal.output()
     console.print(terminal.table(
         f"{assembly.model.name}, {result.time[0]:.10g} to {result.time[-1]:{'.10g' if result.time[0] else 'g'}} s",

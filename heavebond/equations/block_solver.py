@@ -7,7 +7,7 @@ rest stays for the integrator.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ from heavebond.equations.flatten import Flat, FlatEquation
 from heavebond.equations.lost_rank import Row
 from heavebond.equations.state_selection import Column
 from heavebond.equations.tearing import tear
-from heavebond.language.incidence import DEFINITE, NONLINEAR, NUMBER, PARAMETER, UNIT, classify
+from heavebond.language.incidence import DEFINITE, INDEFINITE, NONLINEAR, NUMBER, PARAMETER, UNIT, classify
 from heavebond.language.symbols import split, stack
 
 Array = NDArray[np.float64]
@@ -38,11 +38,13 @@ class Loop:
 
 @dataclass(frozen=True)
 class Pivot:
-    """A coefficient that an equation was divided by; the model is singular where it is zero."""
+    """A coefficient that an equation was divided by; the model is singular where it is zero. If no motion
+    depends on the unknown (`derived`), it alone is undetermined there."""
 
     coefficient: ca.SX
     unknown: str
     equation: FlatEquation
+    derived: bool = False
 
 
 def column_name(flat: Flat, column: Column) -> str:
@@ -53,13 +55,14 @@ def column_name(flat: Flat, column: Column) -> str:
 
 class _Solved(NamedTuple):
     """An equation (row) that is linear in an unknown (column), a*v + b = 0: a, None where it is a number, and the number of
-    v = -b/a among the solutions; `dead` where a is 0."""
+    v = -b/a among the solutions; `dead` where a is 0. A `derived` unknown has no value where a and b are 0."""
 
     row: int
     column: int
     coefficient: ca.SX | None
     value: int
     dead: bool
+    derived: bool = False
 
 
 @dataclass(eq=False)
@@ -91,11 +94,13 @@ class BlockSolver:
 
     def __init__(self, flat: Flat, rows: Sequence[Row], unknown: Sequence[Column], residuals: ca.SX,
                  symbols: ca.SX, entries: Sequence[Sequence[tuple[int, int]]], constants: set[int],
-                 numbers: Callable[[ca.SX], Array]):
+                 numbers: Callable[[ca.SX], Array], derived: set[int]):
         """`residuals` are those of the rows, `symbols` those of the unknowns; `entries` gives the unknowns in each row and
-        the kinds of their coefficients, `constants` the hashes of symbols, `numbers` values of expressions in parameters."""
+        the kinds of their coefficients, `constants` the hashes of symbols, `numbers` values of expressions in parameters,
+        `derived` the unknowns (columns) on which no motion depends."""
         self.flat, self.rows, self.unknown, self.entries = flat, rows, unknown, entries
         self.residuals, self.symbols, self.constants, self.numbers = residuals, symbols, constants, numbers
+        self.derived = derived
         self.defined: list[int] = []  # columns
         self._definitions: list[int] = []  # among the solutions
         self._solutions: list[ca.SX] = []  # columns, which are stacked far faster than their elements
@@ -125,8 +130,11 @@ class BlockSolver:
         A call of CasADi takes longer than its work on one equation, so what does not depend on each other is solved in the
         same calls: blocks of one explicit equation all together, loops stage by stage."""
         pairs = [(rows[0], columns[0]) for rows, columns in blocks if len(rows) == 1]
-        explicit = [(r, c) for r, c in pairs if self._kinds(r).get(c, NONLINEAR) <= DEFINITE]
-        alone = {r: found for (r, _), found in zip(explicit, self._solve(explicit), strict=True) if not found.dead}
+        explicit = [(r, c) for r, c in pairs
+                    if self._kinds(r).get(c, NONLINEAR) <= (INDEFINITE if c in self.derived else DEFINITE)]
+        derived = {(r, c) for r, c in explicit if c in self.derived and self._kinds(r)[c] > NUMBER}
+        alone = {r: found for (r, _), found in zip(explicit, self._solve(explicit, derived), strict=True)
+                 if found.derived or not found.dead}
         loops = {rows[0]: _Block(rows, columns) for rows, columns in blocks if len(rows) > 1 or rows[0] not in alone}
         self._tear(list(loops.values()))
         for together in self._independent([block for block in loops.values() if block.torn]):
@@ -203,16 +211,18 @@ class BlockSolver:
     def _kinds(self, r: int) -> dict[int, int]:
         return dict(self.entries[r])
 
-    def _solve(self, pairs: Sequence[tuple[int, int]]) -> list[_Solved]:
-        """Each row solved for its column; in one call those that contain none of each other's columns."""
+    def _solve(self, pairs: Sequence[tuple[int, int]], derived: Set[tuple[int, int]] = frozenset()) -> list[_Solved]:
+        """Each row solved for its column; in one call those that contain none of each other's columns. The coefficients of
+        `derived` pairs may be zero."""
         solved: dict[int, _Solved] = {}
         for together in self._apart(pairs):
-            coefficients, values = explicit(self.residuals[[r for r, _ in together]], self.symbols[[c for _, c in together]])
+            coefficients, values = explicit(self.residuals[[r for r, _ in together]], self.symbols[[c for _, c in together]],
+                                            [k for k, pair in enumerate(together) if pair in derived])
             kinds = [self._kinds(r)[c] for r, c in together]
             dead = self._zeros(coefficients, kinds)
             varying = iter(split(coefficients[[k for k, kind in enumerate(kinds) if kind > NUMBER]]))
             for (r, c), kind, v, zero in zip(together, kinds, self._kept(values), dead, strict=True):
-                solved[r] = _Solved(r, c, next(varying) if kind > NUMBER else None, v, zero)
+                solved[r] = _Solved(r, c, next(varying) if kind > NUMBER else None, v, zero, (r, c) in derived)
         return [solved[r] for r, _ in pairs]
 
     def _apart(self, pairs: Sequence[tuple[int, int]]) -> list[list[tuple[int, int]]]:
@@ -254,7 +264,8 @@ class BlockSolver:
             self._definitions.append(found.value)
             if found.coefficient is not None and not found.coefficient.is_constant():
                 name = column_name(self.flat, self.unknown[found.column])
-                self.pivots.append(Pivot(found.coefficient, name, self.flat.equations[self.rows[found.row][0]]))
+                self.pivots.append(Pivot(found.coefficient, name, self.flat.equations[self.rows[found.row][0]],
+                                         found.derived))
 
     def _eliminate(self, blocks: Sequence[_Block]) -> None:
         """Solve the residuals of torn blocks, none of which contains columns of another, for torn unknowns that are linear
@@ -271,12 +282,17 @@ class BlockSolver:
         waiting = list(blocks)
         while chosen := self._choices(waiting):
             symbols = self.symbols[[block.torn[k] for block, _, k in chosen]]
-            coefficients, values = explicit(stack([block.remaining[i] for block, i, _ in chosen]), symbols)
-            for (block, i, k), a, value in zip(chosen, split(coefficients), self._kept(values), strict=True):
-                block.eliminated.append(_Solved(block.residual[i], block.torn[k], a, value, dead=False))
+            last = [n for n, (block, *_) in enumerate(chosen) if self._is_last(block)]
+            coefficients, values = explicit(stack([block.remaining[i] for block, i, _ in chosen]), symbols, last)
+            for n, ((block, i, k), a, value) in enumerate(zip(chosen, split(coefficients), self._kept(values), strict=True)):
+                block.eliminated.append(_Solved(block.residual[i], block.torn[k], a, value, dead=False, derived=n in last))
                 del block.remaining[i], block.residual[i], block.torn[k]
             waiting = [block for block, _, _ in chosen if block.torn]
             _share_out(ca.substitute([r for block in waiting for r in block.remaining], [symbols], [values]), waiting)
+
+    def _is_last(self, block: _Block) -> bool:
+        """Whether one derived unknown of a block is left, so that the block is singular where its coefficient is zero."""
+        return len(block.torn) == 1 and block.torn[0] in self.derived
 
     def _choices(self, blocks: Sequence[_Block]) -> list[tuple[_Block, int, int]]:
         """The blocks of which a residual can be solved for a torn unknown, with the numbers of both, those of the simplest
@@ -289,18 +305,24 @@ class BlockSolver:
         for block in blocks:
             own = [next(rows) for _ in block.remaining]
             entries += [(block, (e.kind, len(row), i, e.column - first), e.coefficient)
-                        for i, row in enumerate(own) for e in row if e.kind <= DEFINITE]
+                        for i, row in enumerate(own) for e in row
+                        if e.kind <= (INDEFINITE if self._is_last(block) else DEFINITE)]
             first += len(block.torn)
         dead = self._zeros(stack([a for *_, a in entries]), [choice[0] for _, choice, _ in entries])
         best: dict[int, tuple[int, int, int, int]] = {}
         for (block, choice, _), zero in zip(entries, dead, strict=True):
-            if not zero:
+            if not zero or self._is_last(block):
                 best[block.rows[0]] = min(choice, best.get(block.rows[0], choice))
         return [(block, *best[block.rows[0]][2:]) for block in blocks if block.rows[0] in best]
 
 
-def explicit(residuals: ca.SX, symbols: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """a and -b/a of residuals a*v + b (m,), each linear in its own symbol v (m,) and free of the others'."""
+def explicit(residuals: ca.SX, symbols: ca.SX, derived: Sequence[int] = ()) -> tuple[ca.SX, ca.SX]:
+    """a and -b/a of residuals a*v + b (m,), each linear in its own symbol v (m,) and free of the others'. Those of `derived`
+    unknowns (by number) are not a number where a = b = 0, also if a factor of both cancels in b/a."""
     coefficients = ca.jtimes(residuals, symbols, ca.SX.ones(symbols.numel()))
     rest = ca.substitute(residuals, symbols, ca.SX.zeros(symbols.numel()))
-    return coefficients, -rest / coefficients
+    values = -rest / coefficients
+    for k in derived:
+        nothing = np.nan if rest[k].is_zero() else -rest[k] * ca.inf
+        values[k] = ca.if_else(coefficients[k] == 0, nothing, values[k])
+    return coefficients, values

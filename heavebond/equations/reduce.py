@@ -9,8 +9,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -25,7 +26,7 @@ from heavebond.equations.index_reduction import Pantelides, collapse, pantelides
 from heavebond.equations.lost_rank import Row, Simultaneous, losses
 from heavebond.equations.matching import block_lower_triangular, maximum_matching
 from heavebond.equations.state_selection import Column, Constraints, InitialGuess, constraints, select_states
-from heavebond.language.incidence import classify
+from heavebond.language.incidence import INDEFINITE, classify
 from heavebond.language.symbols import places, split, stack, uniform
 
 
@@ -82,10 +83,11 @@ class Reduced:
 
 def reduce(flat: Flat) -> Reduced:
     """The index-1 model; ModelError with the smallest contradictory part where the structure is singular."""
+    flat = _with_identities(flat)
     columns, rows, derivative = _columns(flat)
-    result = _check_and_differentiate(flat, rows, derivative)
+    result, derived = _check_and_differentiate(flat, rows, derivative)
     chain = _chains(columns, result)
-    system = _system(flat, chain, result)
+    system = _system(flat, chain, result, derived)
     return system.solve(select_states(system.constraints, system.p_values))
 
 
@@ -119,7 +121,29 @@ def _columns(flat: Flat) -> tuple[list[Column], list[list[int]], list[int]]:
     return columns, rows, derivative
 
 
-def _check_and_differentiate(flat: Flat, rows: list[list[int]], derivative: list[int]) -> Pantelides:
+def _with_identities(flat: Flat) -> Flat:
+    """The flat model with equations such as `0*y = 0`, which hold for any y, as equations for that variable of the same
+    component; its coefficient is 0."""
+    empty = [i for i, entries in enumerate(flat.entries) if not entries and flat.residual_column[i].is_zero()]
+    if not empty:
+        return flat
+    rows = collapse_rows(flat)
+    determined, entries, residuals = {*maximum_matching(rows, len(flat.unknowns))}, list(flat.entries), flat.residual_column
+    for i in empty:
+        e = flat.equations[i]
+        inside = {f"{e.owner}.{name}" for name in re.findall(r"[A-Za-z_]\w*", e.text)}
+        j = next((j for j, u in enumerate(flat.unknowns)
+                  if j not in determined and u.role == "own" and u.name in inside), None)
+        if j is not None:
+            determined.add(j)
+            entries[i] = [(j, INDEFINITE)]
+            residuals[i] = ca.if_else(flat.rate > 1, 1, 0) * flat.levels[0][j]  # the rate of time is 0 or 1
+    return replace(flat, residual_column=residuals, entries=tuple(entries))
+
+
+def _check_and_differentiate(flat: Flat, rows: list[list[int]], derivative: list[int]
+                             ) -> tuple[Pantelides, frozenset[int]]:
+    """How often each equation is differentiated, and the derived unknowns (see `_derived`)."""
     collapsed = collapse(rows, derivative)
     matching = maximum_matching(collapsed, len(flat.unknowns))
     if -1 in matching or len(rows) != len(flat.unknowns):
@@ -128,7 +152,33 @@ def _check_and_differentiate(flat: Flat, rows: list[list[int]], derivative: list
     kinked = [i for i, order in enumerate(result.order) if order and flat.equations[i].kink]
     if kinked:
         raise structural_messages.kinked(flat, kinked)
-    return result
+    moving = [j for j in range(len(flat.unknowns)) if derivative[j] >= 0]
+    moving += [j for i, order in enumerate(result.order) if order for j in collapsed[i]]
+    return result, _derived(flat, collapsed, matching, moving)
+
+
+def _derived(flat: Flat, rows: list[list[int]], matching: Sequence[int], moving: Sequence[int]
+             ) -> frozenset[int]:
+    """The signals and variables of components on which no motion depends, such as an efficiency. Motion depends on the
+    unknowns that are differentiated (`moving`), on those of nodes, events and foreign components, and on all unknowns in
+    their equations; `matching` assigns an unknown to each equation (row)."""
+    row_of = {j: i for i, j in enumerate(matching)}
+    number = {s.element_hash(): j for level in flat.levels for j, s in enumerate(level)}
+    waiting = {*moving, *(j for j, u in enumerate(flat.unknowns) if u.role not in ("own", "signal"))}
+    for event in flat.events:
+        values = [e for e in (event.indicator, event.first, event.period, *(r.value for r in event.resets)) if e is not None]
+        values += [] if event.impulse is None else [event.impulse.value]
+        waiting |= {number[h] for s in ca.symvar(stack(values)) if (h := s.element_hash()) in number}
+        waiting |= {r.unknown for r in event.resets if r.unknown is not None}
+        waiting |= {event.impulse.unknown} if event.impulse is not None else set()
+        waiting |= {event.breakaway.speed} if event.breakaway is not None else set()
+    foreign = [path for path, leaf in flat.expanded.leaves.items() if leaf.component.foreign]
+    waiting |= {j for j, u in enumerate(flat.unknowns) if u.name.rpartition(".")[0] in foreign}
+    needed: set[int] = set()
+    while waiting:
+        needed |= waiting
+        waiting = {k for j in waiting for k in rows[row_of[j]]} - needed
+    return frozenset(range(len(flat.unknowns))) - needed
 
 
 def _chains(columns: list[Column], result: Pantelides) -> Chain:
@@ -147,8 +197,8 @@ def _chains(columns: list[Column], result: Pantelides) -> Chain:
 @dataclass(frozen=True)
 class System:
     """All equations with their derivatives, in symbols for all unknowns with their derivatives; `constraints` are those
-    that were differentiated. It can be solved for several choices of states, in the same symbols. `residuals` are those of
-    the `rows`, `columns[k]` (n,) the symbols of the k-th derivatives."""
+    that were differentiated. No motion depends on the `derived` unknowns. It can be solved for several choices of states,
+    in the same symbols. `residuals` are those of the `rows`, `columns[k]` (n,) the symbols of the k-th derivatives."""
 
     flat: Flat
     chain: Chain
@@ -157,6 +207,7 @@ class System:
     rows: tuple[Row, ...]
     residuals: ca.SX
     constraints: Constraints
+    derived: frozenset[int]
 
     @cached_property
     def symbols(self) -> ca.SX:
@@ -201,7 +252,8 @@ class System:
         system = Simultaneous(self.flat, rows, tuple(unknown), self.residuals, symbols)
         if -1 in matching or len(rows) != len(unknown):
             raise self._lost(system, [i for (i, _), column in zip(rows, matching, strict=True) if column < 0])
-        solver = BlockSolver(self.flat, rows, unknown, self.residuals, symbols, entries, self.constants, self.numbers)
+        solver = BlockSolver(self.flat, rows, unknown, self.residuals, symbols, entries, self.constants, self.numbers,
+                             {c for c, (j, _) in enumerate(unknown) if j in self.derived})
         blocks = block_lower_triangular([[c for c, _ in row] for row in entries], matching)
         solver.solve([(block, [matching[r] for r in block]) for block in blocks])
         reduced = self._reduced(states, system, solver)
@@ -220,7 +272,7 @@ class System:
         defined, expressions, others = system.unknowns[solver.defined], ca.SX(0, 1), piggyback
         if solver.defined:
             (expressions,), others = ca.substitute_inplace([defined], [solver.definitions], piggyback, False)
-        pivots = tuple(Pivot(c, p.unknown, p.equation)
+        pivots = tuple(replace(p, coefficient=c)
                        for c, p in zip(split(others[2]), solver.pivots, strict=True))
         order = self.order
         algebraic = [j for j, top in enumerate(self.chain.highest) if top == 0]
@@ -272,7 +324,7 @@ class System:
         return entries
 
 
-def _system(flat: Flat, chain: Chain, result: Pantelides) -> System:
+def _system(flat: Flat, chain: Chain, result: Pantelides, derived: frozenset[int]) -> System:
     """The equations with the derivatives of those that need it, all of one order in one sweep."""
     top, n = max(chain.highest, default=0), len(flat.unknowns)
     columns = [*flat.columns, *(ca.SX.sym("d" * k + "v", n) for k in range(len(flat.columns), top + 2))]
@@ -290,7 +342,7 @@ def _system(flat: Flat, chain: Chain, result: Pantelides) -> System:
         every += [(i, k) for i in rows]
         k += 1
     return System(flat, chain, result.order, columns, tuple(every), ca.vertcat(*residuals),
-                  constraints(flat, result.order, chain.highest))
+                  constraints(flat, result.order, chain.highest), derived)
 
 
 def collapse_rows(flat: Flat) -> list[list[int]]:

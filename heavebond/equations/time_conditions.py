@@ -23,6 +23,8 @@ from heavebond.equations.events import FlatEvent, FlatReset, Held
 from heavebond.equations.parameters import FlatParameter, Parameters
 from heavebond.language.symbols import CORNERS, places, split, stack
 
+FLOOR_MOVES = "Write it in `then:` of a `when:`, which sets a held variable at every sample or crossing."
+STAIRCASE = "\nA staircase in time is a SampleHold of a Ramp, a sawtooth their difference."
 NEVER = 1e300  # an instant that no run reaches
 TWO = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_POW, ca.OP_CONSTPOW, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE,
        ca.OP_AND, ca.OP_OR, ca.OP_FMOD, ca.OP_COPYSIGN, ca.OP_IF_ELSE_ZERO, ca.OP_FMIN, ca.OP_FMAX, ca.OP_ATAN2, ca.OP_HYPOT,
@@ -58,7 +60,7 @@ def check_steps(residuals: ca.SX, told: Iterable[tuple[str, str, Place]], number
     for residual, text, place in floored:
         if any(not {s.element_hash() for s in ca.symvar(a)} <= constants for a in _floored(residual)):
             problems.add("floor-moves", f"floor(...) of something that moves jumps within '{text}'", place,
-                         hint="Write it in `then:` of a `when:`, which sets a held variable at every sample or crossing.")
+                         hint=FLOOR_MOVES + STAIRCASE * ("time" in text))
 
 
 def _floored(expression: ca.SX) -> Iterator[ca.SX]:

@@ -453,7 +453,8 @@ class Component:
 
     def in_diagram(self, formula: Formula, path: str) -> str:
         """A formula of the component in the names of the diagram, where the component is the part `path`."""
-        known = {*self.parameters, *self.variables, *self.signals, *self.ports, *self.body.instances}
+        names = (*self.parameters, *self.variables, *self.signals, *self.ports, *self.body.instances)
+        known = {name.partition("[")[0] for name in names}
         return _FIRST_WORD.sub(lambda m: f"{path}.{m[0]}" if m[0] in known else m[0], formula.text)
 
     def signal(self, name: str) -> SignalPort | None:

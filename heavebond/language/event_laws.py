@@ -42,12 +42,13 @@ def check_initial(component: Component, lookup: Lookup, problems: Problems) -> N
     """Note initial values of unknown variables or in wrong units."""
     outputs = {name for name, signal in component.signals.items() if signal.direction == "out"}
     for reset in component.initial:
+        base = reset.target.text.partition("[")[0]  # of an element of a list
         try:
-            if reset.target.text not in {*component.unknowns, *component.variables, *outputs} - {*component.held}:
+            if base not in {*component.unknowns, *component.variables, *outputs} - {*component.held}:
                 raise ExpressionProblem("initial-given", f"'{reset.target.text}' is no variable or output of "
                                         f"{component.name} that has an initial value", 0, len(reset.target.text),
                                         f"Name one of {listing(component.variables)}." if component.variables else "")
-            wanted = lookup(Name((reset.target.text,), 0, len(reset.target.text))) or ONE
+            wanted = lookup(Name((base,), 0, len(base))) or ONE
             found = dimension(reset.value.tree, lookup)
         except ExpressionProblem as problem:
             reading.add_expression_problem(problem, reset.target.place, problems)

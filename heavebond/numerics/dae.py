@@ -23,6 +23,7 @@ from heavebond.equations.resolver import Resolver
 from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.impulses import with_impulses
+from heavebond.numerics.interval_functions import operation
 from heavebond.numerics.output_times import begin_of
 from heavebond.numerics.reset_checks import check_resets
 from heavebond.text.expression import Expr, ExpressionProblem
@@ -326,19 +327,77 @@ class Integrand:
     longest: float = 0.0
 
 
-def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: int = 0, moving: Sequence[int] = ()
-              ) -> Integrand:
+def from_begin(expressions: Sequence[ca.SX], time: ca.SX, begin: float) -> list[ca.SX]:
+    """Expressions (columns) with the time counted from the begin of a run (s).
+
+    A straight line a*time + b in them becomes a*time + (a*begin + b): where the begin is large, as that of a UNIX clock, the
+    difference to another instant is then as exact as a short time, and a step is not rounded.
+    """
+    columns = list(expressions)
+    sizes = [c.numel() for c in columns]
+    together = ca.densify(stack(columns))
+    if not begin or not together.numel():
+        return columns
+    driven = np.flatnonzero(ca.which_depends(together, time, 1, True)).tolist()
+    if not driven:
+        return columns
+    chosen, = ca.cse([together[driven]])
+    symbols = ca.symvar(chosen)
+    function = ca.Function("f", [stack(symbols)], [chosen])
+    results = list[ca.SX]([ca.SX()] * len(driven))
+    values, moves, lines = dict[int, ca.SX](), dict[int, bool](), dict[int, tuple[ca.SX, ca.SX] | None]()
+    for k in range(function.n_instructions()):
+        op, inputs, outputs = (function.instruction_id(k), function.instruction_input(k), function.instruction_output(k))
+        if op == ca.OP_OUTPUT:
+            results[outputs[1]] = values[inputs[0]]
+            continue
+        line: tuple[ca.SX, ca.SX] | None = None
+        moving = False
+        if op == ca.OP_INPUT:
+            value = symbols[inputs[1]]
+            if moving := value.element_hash() == time.element_hash():
+                line = ca.SX(1), ca.SX(begin)
+        elif op == ca.OP_CONST:
+            value = ca.SX(function.instruction_constant(k))
+        else:
+            args = [values[i] for i in inputs]
+            value, moving = operation(op, args), any(moves[i] for i in inputs)
+            line = _line(op, args, [lines[i] if moves[i] else (ca.SX(0), values[i]) for i in inputs]) if moving else None
+        if line is not None:
+            value = line[0] * time + line[1]
+        values[outputs[0]], moves[outputs[0]], lines[outputs[0]] = value, moving, line
+    together[driven] = stack(results)
+    return list(ca.vertsplit(together, [0, *np.cumsum(sizes).tolist()]))
+
+
+def _line(op: int, args: Sequence[ca.SX], lines: Sequence[tuple[ca.SX, ca.SX] | None]) -> tuple[ca.SX, ca.SX] | None:
+    """Slope and value at 0 of an operation on straight lines in time; None if the result is none."""
+    if any(line is None for line in lines):
+        return None
+    (a, b), (c, d) = lines[0] or (args[0], args[0]), lines[-1] or (args[-1], args[-1])
+    if op in (ca.OP_ADD, ca.OP_SUB):
+        return (a + c, b + d) if op == ca.OP_ADD else (a - c, b - d)
+    if op in (ca.OP_NEG, ca.OP_TWICE):
+        return (-a, -b) if op == ca.OP_NEG else (2 * a, 2 * b)
+    if op == ca.OP_MUL and (a.is_zero() or c.is_zero()):
+        return (b * c, b * d) if a.is_zero() else (a * d, b * d)
+    return (a / d, b / d) if op == ca.OP_DIV and c.is_zero() else None
+
+
+def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: int = 0, moving: Sequence[int] = (),
+              begin: float = 0.0) -> Integrand:
     """The DAE for `ca.integrator`: x = x_nominal * x_s, z = z_nominal * z_s; quadratures unscaled.
 
     `directions` adds that many forward sensitivities: with dp (n_p, directions) the directions in parameter space, zero but
     for the parameters `moving` (by their indices), X = dx_s/dp and Z = dz_s/dp satisfy X' = f_x X + f_z Z + f_p dp,
     0 = g_x X + g_z Z + g_p dp. Written out in SX and integrated with the model, this is cheaper than the integrator's own
-    forward mode and under the same error control.
+    forward mode and under the same error control. The time of the DAE is counted from `begin`.
     """
     t, x, z, p, u, rate = assembly.arguments
     x_s, z_s = ca.SX.sym("x", x.numel()), ca.SX.sym("z", z.numel())
     x_nominal, z_nominal = ca.SX(ca.DM(assembly.x_nominal)), ca.SX(ca.DM(assembly.z_nominal))
-    right = [assembly.ode / x_nominal, assembly.alg, *([quadratures] if quadratures is not None else [])]
+    right = from_begin([assembly.ode / x_nominal, assembly.alg, *([quadratures] if quadratures is not None else [])],
+                       t, begin)
     replaced = ca.substitute(right, [x, z, rate], [x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
     rows = list(moving) if directions else []
     dp, whole = ca.SX.sym("dp", len(rows), directions), ca.SX.sym("dp", p.numel(), directions)

@@ -332,7 +332,7 @@ class EventIntegration:
         if key not in integrators:
             integrators[key] = self._build(self.solver, now.frame.own_time(longest), looks)
         middle = (np.append(now.t, times[:-1]) + times) / 2
-        a, d = np.full(n, now.t), np.full(n, self.last.step)
+        a, d = np.full(n, now.t - self.stops[0]), np.full(n, self.last.step)
         try:
             found = integrators[key](x0=now.y, z0=now.z, p=now.given, u=np.vstack([self.inputs(middle), a, d]))
         except RuntimeError as error:
@@ -346,7 +346,7 @@ class EventIntegration:
         return y, self._settled(now, y, z, times)
 
     def _settled(self, now: EventState, y: Array, z: Array, times: Array) -> Array:
-        return settled(now.frame.loops, y, z, now.given, times, self.inputs(times))
+        return settled(now.frame.loops, y, z, now.given, times - self.stops[0], self.inputs(times))
 
     def before(self, stretch: IntegratorCall, stopped: float) -> Point:
         """A point of a stretch in which the integrator failed, shortly before it did if that can be reached."""
@@ -536,8 +536,9 @@ def reason(said: str) -> str:
 
 
 def settled(loops: ca.Function | None, x: Array, z: Array, p: ca.DM | Array, times: Array, inputs: Array) -> Array:
-    """Algebraic unknowns solved anew at every point: between its steps IDAS only interpolates them, and where the states are
-    quiet its steps are long (and at a jump of an input they belong to the time before it)."""
+    """Algebraic unknowns solved anew at every point, with times counted as in the equations: between its steps IDAS only
+    interpolates them, and where the states are quiet its steps are long (and at a jump of an input they belong to the time
+    before it)."""
     if loops is None:
         return z
     found = np.array(loops(z, np.vstack([times[None, :], x, np.tile(np.array(p), (1, len(times))), inputs])))

@@ -91,10 +91,10 @@ def grid(model: Model, until: Time | None, every: Time | None) -> Array:
     return np.asarray(times if not begin else np.append(begin + times[:-1], end))
 
 
-def refined(stops: Array, unknowns: int) -> Array:
-    """Stops (N,) with points between, for so many unknowns (see DensePointConstants)."""
+def refined(stops: Array, unknowns: int, intervals: int = DENSE_POINTS.intervals) -> Array:
+    """Stops (N,) with points between, for so many unknowns (see DensePointConstants), of about so many intervals."""
     span = float(stops[-1] - stops[0])
-    intervals = min(DENSE_POINTS.intervals, DENSE_POINTS.numbers // max(unknowns, 1))
+    intervals = min(intervals, DENSE_POINTS.numbers // max(unknowns, 1))
     if len(stops) < 2 or len(stops) > intervals:
         return stops
     lengths = np.diff(stops)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem, SimulationError
@@ -13,18 +14,21 @@ from heavebond.equations.resolver import Unknown
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.run_verdict import Verdict
-from heavebond.numerics.validity import finding_of, physical_grace
+from heavebond.numerics.validity import crossing_time, finding_of, physical_grace
 
-CLOSE = 1e-3  # of the time of a run: longer intervals between output points are resolved to find the time of a violation
-POINTS = 200  # output points with which such an interval is resolved
+WATCHED = 200  # intervals of a run, at least, at whose ends its limits are tested
+POINTS = 200  # output points with which the interval of a violation is resolved
+EXACT = 1e-6  # of the time of a run: to so much the time of a violation is found
 
 
 class LimitPassed(SimulationError):
-    """A run passed a physical limit; `result` is the run at the output times before, as far as it is known."""
+    """A run passed a physical limit between the times `bracket`; `result` is the run at the output times before, as far
+    as it is known."""
 
-    def __init__(self, problems: Iterable[Problem] | str, *, hint: str = "", result: Result | None = None):
+    def __init__(self, problems: Iterable[Problem] | str, *, hint: str = "", result: Result | None = None,
+                 bracket: tuple[float, float] = (0.0, 0.0)):
         super().__init__(problems, hint=hint)
-        self.result = result
+        self.result, self.bracket = result, bracket
 
     def __reduce__(self) -> tuple[type[SimulationError], tuple[object, ...]]:
         """For another process, to which a run does not pass."""
@@ -67,47 +71,70 @@ def limited(assembly: Assembly) -> Limited:
     return assembly.once("physical limits", made)
 
 
-def check_limits(result: Result) -> None:
-    """LimitPassed where a variable falls below its physical limit at an output time of a run."""
+def check_limits(result: Result, whole: Result | None = None) -> None:
+    """LimitPassed where a variable falls below its physical limit at a point of a run: an output time, a point between them
+    (see `Result.dense`), or one of the `whole` run."""
     of = limited(result.assembly)
     if not of.unknowns:
         return
-    values = of.values(result)
-    above = np.nan_to_num(values - of.limits[:, None], nan=0.0, posinf=0.0, neginf=-np.inf)
-    reach = above.max(axis=1)
-    below = above < -np.array([[physical_grace(u, r)] for u, r in zip(of.unknowns, reach.tolist(), strict=True)])
-    if not below.any():
+    candidates = [whole or result]
+    if whole is None and result.between is not None and _below(of, result.unsettled).any():
+        candidates = [result.dense, result]
+    for points in candidates:
+        below = _below(of, points)
+        if below.any():
+            break
+    else:
         return
+    above = _above(of, points)
     n = int(np.argmax(below.any(axis=0)))
-    times = {int(k): _crossing(result.time, above[k], n) for k in np.flatnonzero(below[:, n])}
+    times = {int(k): crossing_time(points.time, above[k], n, 0.0) for k in np.flatnonzero(below[:, n])}
     k = min(times, key=lambda k: times[k])
-    u = of.unknowns[k]
-    violation = finding_of("physical", u, times[k], float(values[k, n]), float(of.limits[k]), u.plausible.beyond)
-    raise LimitPassed([Verdict((violation,)).problem], result=replace(result.first(max(n, 1)), ended=violation))
+    u, value = of.unknowns[k], float(above[k, n] + of.limits[k])
+    violation = finding_of("physical", u, times[k], value, float(of.limits[k]), u.plausible.beyond)
+    before = int(np.searchsorted(result.time, points.time[n]))
+    raise LimitPassed([Verdict((violation,)).problem], result=replace(result.first(max(before, 1)), ended=violation),
+                      bracket=(float(points.time[max(n - 1, 0)]), float(points.time[n])))
 
 
-def _crossing(time: Array, above: Array, n: int) -> float:
-    """When a course passes zero before its n-th point, on a straight line."""
-    if n == 0 or not above[n - 1] > 0 or not np.isfinite(above[n]):
-        return float(time[n])
-    return float(time[n - 1] + (time[n] - time[n - 1]) * above[n - 1] / (above[n - 1] - above[n]))
+def _above(of: Limited, points: Result) -> Array:
+    """How far each variable is above its limit (k, N); one without a value is at it."""
+    return np.nan_to_num(of.values(points) - of.limits[:, None], nan=0.0, posinf=0.0, neginf=-np.inf)
 
 
-def resolved(error: LimitPassed, whole: Array, run: Callable[[Array], Result]) -> Result:
-    """The run up to its physical limit, with the time of the violation.
+def _below(of: Limited, points: Result) -> NDArray[np.bool_]:
+    """Which variables are below their limits (k, N)."""
+    above = _above(of, points)
+    grace = [[physical_grace(u, r)] for u, r in zip(of.unknowns, above.max(axis=1).tolist(), strict=True)]
+    return np.asarray(above < -np.array(grace))
 
-    `whole` are the output times of the run (N,). If the violation lies in an interval longer than `CLOSE` of the run, `run`
-    repeats it with more output times there.
+
+def resolved(error: LimitPassed, whole: Array, run: Callable[[Array, bool], Result]) -> Result:
+    """The run up to its physical limit, which is its last point.
+
+    `whole` are the output times of the run (N,). `run` repeats it with more output times where the violation lies, then up
+    to the violation; its second argument asks for points between the output points.
     """
     result = error.result
     assert result is not None and result.ended is not None
-    n = int(np.searchsorted(whole, result.time[-1], side="right"))
-    if n >= len(whole) or result.ended.time <= result.time[-1] or whole[n] - whole[n - 1] <= CLOSE * (whole[-1] - whole[0]):
-        return result
-    try:
-        run(np.append(whole[:n], np.linspace(whole[n - 1], whole[n], POINTS)[1:]))
-    except LimitPassed as finer:
-        return result if finer.result is None else replace(result, ended=finer.result.ended)
-    except SimulationError:
-        check()
-    return result
+    for _ in range(2):
+        begin, end = error.bracket
+        if not end - begin > EXACT * (whole[-1] - whole[0]):
+            break
+        try:
+            run(np.concatenate([whole[whole < begin], np.linspace(begin, end, POINTS)]), False)
+        except LimitPassed as finer:
+            error = finer
+        except SimulationError:
+            check()
+            break
+        else:
+            break
+    violation = error.result.ended if error.result is not None and error.result.ended is not None else result.ended
+    before = whole[whole < violation.time]
+    if len(before) and violation.time > before[-1]:
+        try:
+            return replace(run(np.append(before, violation.time), True), ended=violation)
+        except SimulationError:
+            check()
+    return replace(result, ended=violation)

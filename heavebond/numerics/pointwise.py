@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.equations.buffered import Array, Buffered
 from heavebond.numerics.dae import Assembly
@@ -24,3 +25,50 @@ def evaluated(assembly: Assembly, function: ca.Function, columns: Sequence[Array
         values, = many(*(c[:, at] for c in columns)).values()
         found[:, begin:begin + size] = values.reshape((-1, size), order="F")[:, :n - begin]
     return found
+
+
+def missing(assembly: Assembly, unknowns: Sequence[int], columns: Sequence[Array], values: Array) -> NDArray[np.bool_]:
+    """Which values (k, N) of unknowns no equation determines, of those on which no motion depends."""
+    found = np.zeros(values.shape, bool)
+    for k, j in enumerate(unknowns):
+        if j in assembly.reduced.choices.derived and np.isnan(values[k]).any():
+            expression = assembly.values(*assembly.arguments)[j]
+            found[k] = undetermined(assembly, expression, columns, values[k])
+    return found
+
+
+def undetermined(assembly: Assembly, expression: ca.SX, columns: Sequence[Array], values: Array) -> NDArray[np.bool_]:
+    """Where (N,) an expression in the arguments of an assembly, with these values (N,), is undetermined: no number, as 0/0
+    or 0*inf occurs in it."""
+    no_number = np.isnan(values)
+    pairs = _quotients(expression) if no_number.any() else []
+    if not pairs:
+        return np.zeros(len(values), bool)
+    function = ca.Function("quotients", list(assembly.arguments), [ca.densify(ca.vertcat(*(e for p in pairs for e in p)))])
+    found = evaluated(assembly, function, columns)
+    return np.asarray(no_number & ((found[::2] == 0) & (found[1::2] == 0)).any(axis=0))
+
+
+def _quotients(expression: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
+    """The numerators and denominators in an expression; of a product with infinity the other factor, and of NaN under a
+    condition its opposite, twice."""
+    found, waiting, known = [], [expression], {expression.element_hash()}
+    while waiting:
+        node = waiting.pop()
+        inside = [node.dep(k) for k in range(node.n_dep())]
+        if node.is_op(ca.OP_DIV):
+            found.append((inside[0], inside[1]))
+        elif node.is_op(ca.OP_MUL) and any(e.is_constant() and np.isinf(float(e)) for e in inside):
+            found += [(e, e) for e in inside if not e.is_constant()]
+        elif node.is_op(ca.OP_IF_ELSE_ZERO) and _no_number(inside[1]):
+            found.append((1 - inside[0], 1 - inside[0]))
+            inside = inside[:1]
+        elif _no_number(node):
+            found.append((ca.SX(0), ca.SX(0)))
+        waiting += [e for e in inside if e.element_hash() not in known]
+        known.update(e.element_hash() for e in inside)
+    return found
+
+
+def _no_number(expression: ca.SX) -> bool:
+    return bool(expression.is_constant() and np.isnan(float(expression)))

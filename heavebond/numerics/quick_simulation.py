@@ -30,7 +30,7 @@ from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
 from heavebond.numerics import compiled_cvodes, idas
 from heavebond.numerics.compiled_cvodes import CVODES, CompiledCvodes, Driving, Equations, Integrated, NotCompiled, Watch
-from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.dae import Array, Assembly, from_begin
 from heavebond.numerics.idas import in_unit_of_time, time_unit
 from heavebond.numerics.initialise import Start, Tangent
 from heavebond.numerics.physical_limits import check_limits, limited
@@ -119,8 +119,8 @@ class Unexplained(Simulator):
         moving = tuple(self._differentiated(assembly)) if self.sensitivities else ()
         # each set has a list of its own: over a kink the roundings of another order of operations would be seen, and what
         # a candidate gets would depend on what was made before
-        key = ("compiled", self.probe.names if self.probe is not None else (), moving)
-        return assembly.once(key, lambda: _equations(assembly, self.probe, moving))
+        key = ("compiled", self.probe.names if self.probe is not None else (), moving, self.begin)
+        return assembly.once(key, lambda: _equations(assembly, self.probe, moving, self.begin))
 
     def _differentiated(self, assembly: Assembly) -> list[int]:
         """The parameters (indices) by which the compiled program's list has derivatives."""
@@ -138,20 +138,21 @@ class Unexplained(Simulator):
             return
         self.solver = Choice("cvodes", "driven by compiled code")
         tolerances = self.tolerances.scaled(self.share)
-        self.driver = CompiledCvodes(self.equations, len(self.sensitivities), self.stops, tolerances, self.most_steps,
-                                     self._driving(), self._longest(),
+        self.driver = CompiledCvodes(self.equations, len(self.sensitivities), self.stops - self.begin, tolerances,
+                                     self.most_steps, self._driving(), self._longest(),
                                      self.method if self.driver is None else self.driver.method)
 
     def _integrator(self) -> Integrator:
         name = "idas" if self.equations is not None else self.solver.name
-        return integrator(name, self.integrand, self.stops, self.tolerances, self.most_steps)
+        return integrator(name, self.integrand, self.stops - self.begin, self.tolerances, self.most_steps)
 
     def _driving(self) -> Driving:
         """The inputs, for the compiled program."""
+        stops, kinks = self.stops - self.begin, self.kinks - self.begin
         if self.looks_up:
-            return Driving(self.pieces.breaks, self.pieces.columns, self.pieces.at(self.stops), False, self.kinks)
+            return Driving(self.pieces.breaks - self.begin, self.pieces.columns, self.pieces.at(self.stops), False, kinks)
         between = self.pieces.at((self.stops[:-1] + self.stops[1:]) / 2)
-        return Driving(self.stops, between, self.pieces.at(self.stops), between.size > 0, self.kinks)
+        return Driving(stops, between, self.pieces.at(self.stops), between.size > 0, kinks)
 
     def _longest(self) -> float:
         """The longest step, in s, over inputs that are looked up and prescribed functions of time; 0 for no limit."""
@@ -221,14 +222,10 @@ class Unexplained(Simulator):
             raise self._failure(self.assembly, first, "a value became infinite or not a number")
         if limits:
             n_x, n_z = len(first.x), len(first.z)
-            check_limits(Result(self.assembly, self.time, whole.x[:n_x, self._keep] * self.assembly.x_nominal[:, None],
-                                whole.z[:n_z, self._keep] * self.assembly.z_nominal[:, None], self._inputs_at_outputs,
+            check_limits(Result(self.assembly, self.stops, whole.x[:n_x] * self.assembly.x_nominal[:, None],
+                                whole.z[:n_z] * self.assembly.z_nominal[:, None], self.pieces.at(self.stops),
                                 first.p, first))
         return found
-
-    @cached_property
-    def _inputs_at_outputs(self) -> Array:
-        return self.pieces.at(self.time)
 
     def _compiled(self, driver: CompiledCvodes, first: Start, moved: Tangent | None, states: bool,
                   watch: Watch | None = None) -> Integrated:
@@ -275,10 +272,10 @@ class Unexplained(Simulator):
         return SimulationError([Problem("integration-failed", "the integration stopped")])
 
 
-def _equations(assembly: Assembly, probe: Probe | None, moving: Sequence[int], quadratures: ca.SX | None = None,
-               factors: ca.SX | None = None) -> Equations | None:
+def _equations(assembly: Assembly, probe: Probe | None, moving: Sequence[int], begin: float,
+               quadratures: ca.SX | None = None, factors: ca.SX | None = None) -> Equations | None:
     """The equations in scaled unknowns, with the signals of a probe, integrals behind the states and factors in these behind
-    the parameters; None where the program in C cannot evaluate them."""
+    the parameters, all with the time counted from `begin`; None where the program in C cannot evaluate them."""
     t, x, z, p, u, rate = assembly.arguments
     x_s, z_s = ca.SX.sym("x", x.numel()), ca.SX.sym("z", z.numel())
     x_nominal, z_nominal = ca.SX(ca.DM(assembly.x_nominal)), ca.SX(ca.DM(assembly.z_nominal))
@@ -286,7 +283,7 @@ def _equations(assembly: Assembly, probe: Probe | None, moving: Sequence[int], q
     rates = assembly.ode / x_nominal
     if quadratures is not None:
         rates = stack([rates, quadratures])
-    ode, alg, signals = ca.substitute([rates, assembly.alg, signals], [x, z, rate],
+    ode, alg, signals = ca.substitute(from_begin([rates, assembly.alg, signals], t, begin), [x, z, rate],
                                       [x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
     integrals = ca.SX.sym("integral", ode.numel() - x_s.numel())
     try:
@@ -314,7 +311,8 @@ class CaseSimulator(Unexplained):
         assembly = self.assembly
         if assembly.flat.events or self.charts.needed or self.sensitivities or compiled_cvodes.program() is None:
             return None
-        return _equations(assembly, None, (), self.quadratures, None if self.factors is None else self.factors.symbols)
+        return _equations(assembly, None, (), self.begin, self.quadratures,
+                          None if self.factors is None else self.factors.symbols)
 
     def _take_sizes(self, sizes: Mapping[str, float]) -> None:
         super()._take_sizes(sizes)
@@ -378,16 +376,16 @@ class QuickSimulator(Unexplained):
         solver = "rosenbrock" if self.one_step else "idas" if dae["z"].numel() else "cvodes"
         tolerances = self.tolerances.scaled(looser)
         options = {**solver_options(solver, dae, tolerances), "max_num_steps": self.most_steps}
-        unit = time_unit(self.stops)
+        stops = self.stops - self.begin
+        unit = time_unit(stops)
         given = in_unit_of_time(self._with_table() if self.looks_up else dae, unit)
         # the one-step method ends its steps at the samples of the inputs
         if longest := self.longest if self.one_step else self._longest():
             options["max_step_size"] = longest / unit
         if not dae["z"].numel():
             del given["z"], given["alg"]
-        begin = float(self.stops[0] / unit)
-        outputs = [float(t) for t in self.stops[1:] / unit] or [begin + 1.0]
-        return Buffered(ca.integrator("run", solver, given, begin, outputs, options), ("xf", "zf"))
+        outputs = [float(t) for t in stops[1:] / unit] or [1.0]
+        return Buffered(ca.integrator("run", solver, given, 0.0, outputs, options), ("xf", "zf"))
 
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
         stopped = bool(self.assembly.flat.inputs) and not self.looks_up and not self.compiled
@@ -412,7 +410,7 @@ class QuickSimulator(Unexplained):
         right = _sides(dae)
         t, x, z, p = (ca.MX.sym(k, dae[k].numel()) for k in ("t", "x", "z", "p"))
         # a spline of degree 0, because what it holds is not copied at every step
-        columns, breaks = self.pieces.columns, self.pieces.breaks
+        columns, breaks = self.pieces.columns, self.pieces.breaks - self.begin
         u = ca.Function.bspline("pieces", [breaks.tolist()], columns.ravel("F").tolist(), [0], len(columns),
                                 {"lookup_mode": ["binary"]})(t)
         ode, alg = right(t, x, z, p, u)

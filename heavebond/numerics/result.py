@@ -21,9 +21,10 @@ from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.extremes import SignalFigures, signal_figures
 from heavebond.numerics.initialise import Start
+from heavebond.numerics.pointwise import undetermined
 from heavebond.numerics.run_verdict import NOT_BECOME, Finding, Verdict
 from heavebond.numerics.start_stability import unstable_start
-from heavebond.numerics.validity import RunSection, judged
+from heavebond.numerics.validity import RunSection, judged, without_value
 from heavebond.records.saved_runs import SavedRun, Signals, check_si, write_run
 from heavebond.text.expression import ExpressionProblem
 
@@ -108,11 +109,27 @@ class Result:
         points, settle = self._points
         return points if settle is None else replace(points, z=settle(np.arange(len(points.time))))
 
+    @property
+    def unsettled(self) -> Result:
+        """As `dense`, with algebraic unknowns that the integrator interpolated."""
+        return self if self._points is None else self._points[0]
+
     def figures(self, names: Iterable[str]) -> dict[str, SignalFigures]:
         """Extremes, mean, root mean square and last value of signals, each in `result.unit(name)`. They are taken from
         `dense` and do not depend on the output points."""
         dense = self.dense
         return {name: signal_figures(dense.time, values) for name, values in dense.signals(names).items()}
+
+    def without_value(self, names: Iterable[str]) -> Verdict:
+        """The verdict on signals: that each has a value at the output times. The verdict of the run names its unknowns."""
+        def undecided(name: str, values: Array) -> NDArray[np.bool_]:
+            if self.stays or not np.isnan(values).any():
+                return np.zeros(len(values), bool)
+            return undetermined(self.assembly, signal_expression(self.assembly, name), columns(self), values)
+
+        named = {f.name for f in self.verdict.findings}
+        found = without_value(self.signals(names), self.time, undecided)
+        return Verdict(tuple(f for f in found.findings if f.failed or f.name not in named))
 
     def _true_at_start(self) -> list[Finding]:
         """Events that would have happened if their conditions had become true at the start instead of being so."""

@@ -51,6 +51,8 @@ class Finding:
         value = readable(self.value, self.unit)
         if self.kind == "not-finite":
             return f"{self.name} is {'no number' if math.isnan(self.value) else 'infinite'} from {t} on"
+        if self.kind == "undetermined":
+            return f"{self.name} is undetermined from {t} on"
         if self.kind == "energy":
             return f"the power of {self.part} does not balance: {readable(abs(self.value), self.unit)} " \
                 f"{'appear' if self.value < 0 else 'disappear'}, from {t} on"
@@ -85,8 +87,8 @@ class Finding:
 
 # whether a run with such a finding is worthless
 KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False,
-         "growth": False, "scale": False, "true-at-start": False, "unstable-start": False, "placeholder": False,
-         "front": False, "time-formula": False}
+         "growth": False, "scale": False, "undetermined": False, "true-at-start": False, "unstable-start": False,
+         "placeholder": False, "front": False, "time-formula": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 

@@ -82,8 +82,9 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
     try:
         result = run_by_auto(simulator, parameters, allow_fmu) if asked == "auto" else _run_as_asked(simulator, parameters)
     except LimitPassed as error:
-        result = resolved(error, simulator.time, lambda times: Simulator(
-            assembly, times=times, tolerances=simulator.tolerances, allow_fmu=allow_fmu).run(parameters))
+        result = resolved(error, simulator.time, lambda times, dense: Simulator(
+            assembly, times=times, tolerances=simulator.tolerances, sensitivities=simulator.parameters, allow_fmu=allow_fmu,
+            dense=dense).run(parameters))
     report_verdict(assembly.model.name, result.verdict)
     return result
 
@@ -248,7 +249,8 @@ def _varying_pivots(assembly: Assembly) -> ca.Function | None:
     """The coefficients (k, 1) that are divided by and may vary along a run; None where all follow from parameters."""
     whole = assembly.pivots(*assembly.arguments)
     fixed = assembly.flat.places.keys()
-    varying = [c for c in split(whole) if any(s.element_hash() not in fixed for s in ca.symvar(c))]
+    varying = [c for c, q in zip(split(whole), assembly.reduced.pivots, strict=True)
+               if not q.derived and any(s.element_hash() not in fixed for s in ca.symvar(c))]
     return ca.Function("varying_pivots", list(assembly.arguments), [stack(varying)]) if varying else None
 
 

@@ -31,7 +31,7 @@ from heavebond.numerics.inputs import Pieced, pieced
 from heavebond.numerics.jumps import EventEquations
 from heavebond.numerics.looks import Looks
 from heavebond.numerics.output_times import DENSE_POINTS, Time, grid, refined
-from heavebond.numerics.physical_limits import check_limits
+from heavebond.numerics.physical_limits import WATCHED, check_limits, limited
 from heavebond.numerics.result import ForwardSensitivities, Result, Settle, Stayed
 from heavebond.numerics.sizes import SIZES, far_below, fitting_sizes
 from heavebond.numerics.solvers import DEFAULT, RETYPE, Choice, Explicit, Integrator, algebraic_left, chosen, integrator
@@ -70,6 +70,7 @@ class Simulator:
         self.along = _directions(assembly, self.parameters, self.tolerances.along)
         self.along = np.pad(self.along, ((0, 0), (0, len(self.sensitivities) - len(self.parameters))))
         self.time = grid(assembly.model, until, every) if times is None else np.asarray(times, float)
+        self.begin = float(self.time[0])  # from which integrators count the time
         self.pieces: Pieced = driven or (like.pieces if like is not None and self._driven_as(like) else
                                          pieced(assembly.flat, float(self.time[0]), float(self.time[-1])))
         self.quadratures, self.factors = quadratures, factors
@@ -89,6 +90,13 @@ class Simulator:
     def _may_be_dense(self) -> bool:
         """Whether points may be added between the stops."""
         return True
+
+    @property
+    def _watched(self) -> bool:
+        """Whether a run without points between its output points has some to test its physical limits there. Measured inputs
+        have their own, at which a method may begin anew."""
+        return len(self.time) <= WATCHED and not (self.dense or self.assembly.flat.inputs) and \
+            len(limited(self.assembly).unknowns) > 0
 
     def prepare(self) -> None:
         """Build the integrator."""
@@ -131,6 +139,8 @@ class Simulator:
         self._points = len(stops)
         if self.dense and not self._cut:
             stops = refined(stops, len(self.assembly.x_nominal) * (1 + len(self.sensitivities)) + self.integrals)
+        elif self._watched:
+            stops = refined(stops, 1, WATCHED)
         self.stops, self._keep = stops, np.searchsorted(stops, self.time)
 
     def _renew(self) -> None:
@@ -185,7 +195,8 @@ class Simulator:
         return Buffered(self.integrand.hoist)
 
     def _made(self, assembly: Assembly, quadratures: ca.SX | None) -> Integrand:
-        made = summed(integrand(assembly, quadratures, len(self.sensitivities), self._moving(assembly)), self.factors)
+        made = summed(integrand(assembly, quadratures, len(self.sensitivities), self._moving(assembly),
+                                self.begin), self.factors)
         # an integrator stops where an input changes: the last one counts the kinks
         dae = {**made.dae, "u": stack([made.dae["u"], ca.SX.sym("kinks")])} if self._counts_kinks else made.dae
         return replace(made, dae=dae, longest=self.longest)
@@ -217,7 +228,8 @@ class Simulator:
 
     def _integrator(self) -> Integrator:
         """From the first stop to the others."""
-        return integrator(self.solver.name, self.integrand, self.stops, self.solver.controlled(self.tolerances))
+        return integrator(self.solver.name, self.integrand, self.stops - self.begin,
+                          self.solver.controlled(self.tolerances))
 
     def _driven(self, times: Array) -> dict[str, Array]:
         """What drives the integrator between its stops, at times between them."""
@@ -331,9 +343,10 @@ class Simulator:
             return in_states(assembly, np.arange(len(keep)), found.x, found.z, stays)
 
         result = taken(found, self.time, self._keep)
-        check_limits(result)
-        self._check_decided(result)
         if found.between is None:
+            check_limits(result, taken(found, self.stops, np.arange(len(self.stops)))
+                         if len(self.stops) > len(self.time) else None)
+            self._check_decided(result)
             return result
 
         def dense() -> tuple[Result, Settle | None]:
@@ -342,7 +355,10 @@ class Simulator:
                 times, trace, settle = found.between()
             return taken(trace, times, np.arange(len(times))), settle
 
-        return replace(result, between=dense)
+        result = replace(result, between=dense)
+        check_limits(result)
+        self._check_decided(result)
+        return result
 
     def _fitting_sizes(self, assembly: Assembly, first: Start, moved: Tangent | None, found: Trace) -> dict[str, float]:
         """Sizes of unknowns that fit a run, where it stays far below those that it was integrated with."""
@@ -475,7 +491,7 @@ class Simulator:
     def _stop_time(self, times: list[float]) -> float:
         """When the integrator gave up (s; NaN if it did not say), by the times that it named."""
         if self.switching is None or self.switching.last is None:
-            return max(times) * time_unit(self.stops) if times else float("nan")
+            return self.begin + max(times) * time_unit(self.stops - self.begin) if times else float("nan")
         return self.switching.last.time(times[-1]) if times else self.switching.last.begin.t
 
     def _stop(self, assembly: Assembly, first: Start, times: list[float]) -> Stop:
@@ -562,7 +578,7 @@ class Simulator:
         if len(stops) < 3 or not np.any(moves > DENSE_POINTS.moved * ranges[:n]):
             return stops, x, z
         name = "idas" if len(z) else self.solver.name
-        again = integrator(name, self.integrand, times, self.solver.controlled(self.tolerances))
+        again = integrator(name, self.integrand, times - self.begin, self.solver.controlled(self.tolerances))
         with caught_errors():
             try:
                 found = again(x0=x[:, 0], z0=z[:, 0], p=p, **self._driven((times[:-1] + times[1:]) / 2))
@@ -598,7 +614,8 @@ class Simulator:
         try:
             _, first, moved = self._started(parameters)
             stops = self.stops[:points + 1]
-            made = integrator(self.solver.name, self.integrand, stops, self.solver.controlled(self.tolerances))
+            made = integrator(self.solver.name, self.integrand, stops - self.begin,
+                              self.solver.controlled(self.tolerances))
             x0, z0, p = self._scaled_start(first, moved)
             began = clock.thread_time()
             with caught_errors():
@@ -608,7 +625,8 @@ class Simulator:
         integration.expect((clock.thread_time() - began) * (len(self.stops) - 1) / points)
 
     def _settled(self, x: Array, z: Array, p: ca.DM | Array, times: Array) -> Array:
-        return z if self.loops is None else settled(self.loops, x, z, p, times, self.inputs(times))
+        return z if self.loops is None else settled(self.loops, x, z, p, times - self.begin,
+                                                    self.inputs(times))
 
 
 def _by_direction(values: Array, sizes: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -215,7 +216,7 @@ class StartEquations:
                 continue
             component, own = leaf.component, {j for name, j in names.items() if name.rpartition(".")[0] == path}
             open_states = {names[name]: (name, reset) for reset in component.initial for name in names
-                           if name.partition("[")[0] == f"{path}.{reset.target.text}" and names[name] in symbols}
+                           if f"{path}.{reset.target.text}" in (name, name.partition("[")[0]) and names[name] in symbols}
             others = {symbols[j] for j in own & symbols.keys() - open_states.keys() - decided}
             replaced = set[int]()
             for c in conditions:
@@ -224,7 +225,10 @@ class StartEquations:
                     replaced |= set() if inside & others else inside
             for j, (name, reset) in open_states.items():
                 if j not in decided and symbols[j] not in replaced:
-                    value = assembly.expression(formula(component.in_diagram(reset.value, path)))
+                    text = component.in_diagram(reset.value, path)
+                    for integer, number in leaf.integers.items():
+                        text = re.sub(rf"{re.escape(f'{path}.{integer}')}\b", str(number), text)
+                    value = assembly.expression(formula(text))
                     residual = assembly.expression(formula(name)) - value
                     found.append(StartRow(residual, f"{path}: {name.rpartition('.')[2]} = {reset.value.text} at the start",
                                           reset.value.place, name=name))

@@ -18,6 +18,7 @@ from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.matrices import dense, finite, null_space, scaled
 from heavebond.numerics.mechanism_messages import dead_centre
 from heavebond.numerics.newton import weights
+from heavebond.numerics.pointwise import missing
 from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquations, StartRow, StartSystem
 
 AT = "at the start"
@@ -336,7 +337,7 @@ def singular_loop(assembly: Assembly, point: Point, direction: Array) -> StartEr
 
 def check_pivots(assembly: Assembly, found: Sequence[tuple[Pivot, float]], point: Point) -> None:
     """StartError for coefficients that were divided by and are zero, or no numbers."""
-    zero = [(pivot, value) for pivot, value in found if value == 0 or not np.isfinite(value)]
+    zero = [(pivot, value) for pivot, value in found if (value == 0 and not pivot.derived) or not np.isfinite(value)]
     if not zero:
         return
     problems = Problems()
@@ -352,21 +353,30 @@ def check_pivots(assembly: Assembly, found: Sequence[tuple[Pivot, float]], point
 
 
 def _sound(assembly: Assembly, point: Point) -> bool:
-    """Whether all coefficients are numbers other than zero."""
+    """Whether all coefficients are numbers other than zero, but for those on which no motion depends."""
     pivots = np.array(assembly.pivots(*point.values())).ravel()
-    return bool(np.all(np.isfinite(pivots)) and np.all(pivots != 0))
+    return all(np.isfinite(v) and (v != 0 or q.derived)
+               for v, q in zip(pivots, assembly.reduced.pivots, strict=True))
 
 
 def check_values(assembly: Assembly, point: Point) -> None:
-    """StartError for variables, and for rates of states, that are no numbers."""
+    """StartError for variables, and for rates of states, that are no numbers, but for those that are undetermined without an
+    effect on the motion."""
     def values(at: Point) -> Array:
         rates = np.array(assembly.rates(*at.values())[0]).ravel()
         return np.concatenate([np.array(assembly.values(*at.values())).ravel(), rates])
 
-    bad = ~np.isfinite(values(point))
+    unknowns, first = assembly.flat.unknowns, values(point)
+    bad = ~np.isfinite(first)
+    if bad.any():
+        columns = [np.reshape(v, (-1, 1)) for v in point.values()]
+        bad[:len(unknowns)] &= ~missing(assembly, range(len(unknowns)), columns, first[:len(unknowns), None])[:, 0]
     if not bad.any():
         return
-    unknowns = assembly.flat.unknowns
+    pivots = np.array(assembly.pivots(*point.values())).ravel()
+    if any(q.derived and v == 0 for v, q in zip(pivots, assembly.reduced.pivots, strict=True)) and \
+            (problems := lost(assembly, point)):
+        raise StartError(problems)
     names = [*(u.name for u in unknowns), *(f"der({name})" for name in assembly.state_names)]
     places = [*(u.place for u in unknowns), *(unknowns[j].place for j, _ in assembly.reduced.states)]
     wrong = [k for k in range(len(names)) if bad[k]]

@@ -84,9 +84,9 @@ Points = tuple[Array, Trace, Callable[[NDArray[np.intp]], Array] | None]
 
 @dataclass(frozen=True)
 class Frame:
-    """The equations for one choice of states: the integrand in a scaled time s, t = a + d s with a and d the last two
-    inputs, so that one integrator serves all intervals with the same number of points; the events; Newton's method for the
-    algebraic loops."""
+    """The equations for one choice of states: the integrand in a scaled time s, t = a + d s after the begin of the run with
+    a and d the last two inputs, so that one integrator serves all intervals with the same number of points; the events;
+    Newton's method for the algebraic loops."""
 
     chart: StateChoice
     equations: EventEquations

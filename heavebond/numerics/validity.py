@@ -23,7 +23,7 @@ from heavebond.equations.flatten import Flat
 from heavebond.equations.resolver import Unknown
 from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, Assembly
-from heavebond.numerics.pointwise import evaluated
+from heavebond.numerics.pointwise import evaluated, missing, undetermined
 from heavebond.numerics.power_balance import balance
 from heavebond.numerics.run_verdict import RUNAWAY, Finding, Verdict, verdict
 from heavebond.numerics.start_equations import Point
@@ -96,6 +96,7 @@ GROWING = f"Look for {CAUSES}; `heavebond modes` shows which components oscillat
 FRONT = ("behind a front of so few segments the lumped line oscillates, and its peaks are up to 45 % too high. Take about "
          "{} segments in place of {}, or a longer time for the change that causes the front")
 _NUMBER = re.compile(r"_[0-9]+$")
+UNDETERMINED = "It is 0/0 there. No motion depends on it, so the run goes on, and its values are missing"
 NO_VALUE = ("{} has no value there: a root, a power or a logarithm of what is below zero, or a division by 0. Bound its "
             "argument (max(x, 0)), or look at what drives it there")
 OPEN = ("Its equations are at odds with what it states under `stores` and `dissipates`: check their signs. "
@@ -134,7 +135,9 @@ def judged(stretches: Sequence[RunSection], also: Sequence[Finding] = (), dense:
 def at_point(assembly: Assembly, point: Point) -> Verdict:
     """What is outside its range at one point, as at a start."""
     values = np.array(assembly.values(*point.values())).reshape(-1, 1)
-    return verdict(list(_outside(assembly.flat.unknowns, values, np.array([point.t]), 0.0)))
+    columns = [np.reshape(v, (-1, 1)) for v in point.values()]
+    lost = missing(assembly, range(len(values)), columns, values)
+    return verdict(list(_outside(assembly.flat.unknowns, values, np.array([point.t]), 0.0, lost)))
 
 
 def _between(s: RunSection, duration: float) -> Iterator[Finding]:
@@ -149,14 +152,15 @@ def _between(s: RunSection, duration: float) -> Iterator[Finding]:
     values = _values_of(s, looked_at, at)
     unknowns = [flat.unknowns[j] for j in looked_at]
     if len(at) == len(s.time):
-        yield from _outside(unknowns, values, s.time, duration)
+        yield from _outside(unknowns, values, s.time, duration, missing(s.assembly, looked_at, s.columns(at), values))
         return
     bounds = np.array([_bounds(u, duration) for u in unknowns])
     margin = np.minimum(values - bounds[:, :1], bounds[:, 1:] - values)
     near = ~(np.minimum(margin[:, :-1], margin[:, 1:]) > VALIDITY.near * _moves(values)).all(axis=0) | _excursions(s.x, at)
     inner = np.concatenate([at, *(np.arange(at[k] + 1, at[k + 1]) for k in np.flatnonzero(near))])
     inner.sort()
-    yield from _outside(unknowns, _values_of(s, looked_at, inner), s.time[inner], duration)
+    values = _values_of(s, looked_at, inner)
+    yield from _outside(unknowns, values, s.time[inner], duration, missing(s.assembly, looked_at, s.columns(inner), values))
 
 
 def _moves(values: Array) -> Array:
@@ -193,18 +197,23 @@ def _of_stretch(s: RunSection, duration: float, balanced: bool, ranged: bool) ->
     chosen = _spread(n, VALIDITY.samples)
     columns = s.columns(chosen)
     values = evaluated(s.assembly, s.assembly.values, columns)
-    wrong = {f.name for f in _outside(flat.unknowns, values, s.time[chosen], duration)}
+    lost = missing(s.assembly, range(len(flat.unknowns)), columns, values)
+    for j in np.flatnonzero(lost.any(axis=1)).tolist():
+        yield finding_of("undetermined", flat.unknowns[j], float(s.time[chosen][np.argmax(lost[j])]), math.nan, None,
+                         UNDETERMINED)
+    wrong = {f.name for f in _outside(flat.unknowns, values, s.time[chosen], duration, lost)}
     looked_at = [j for j, u in enumerate(flat.unknowns) if u.name in wrong or (ranged and j not in states and _ranged(u))]
     if looked_at:
         yield from _closely(s, looked_at, _spread(n, n if wrong else VALIDITY.watched), duration)
-    if not balanced or not np.isfinite(values).all():
+    if not balanced or not (np.isfinite(values) | lost).all():
         return
     shown = s.assembly.once("formulas", lambda: _formulas(s.assembly))
     imbalance, outputs = balance(s.assembly, columns, values, list(shown.values()))
     for lost in imbalance:
         advice = MAKES if lost.made else OPEN
         yield Finding("energy", lost.owner, lost.owner, lost.time, lost.missing, lost.limit, "W", advice)
-    yield from without_value(dict(zip(shown, outputs, strict=False)), s.time[chosen]).findings
+    yield from without_value(dict(zip(shown, outputs, strict=False)), s.time[chosen], lambda name, course: undetermined(
+        s.assembly, s.assembly.express(shown[name]), columns, course)).findings
     if len(s.time) > 1:
         yield from _fronts(s)
 
@@ -213,7 +222,8 @@ def _closely(s: RunSection, looked_at: Sequence[int], at: Points, duration: floa
     """What is wrong with some of the unknowns at more points of a run."""
     flat = s.assembly.flat
     values = _values_of(s, looked_at, at)
-    for found in _outside([flat.unknowns[j] for j in looked_at], values, s.time[at], duration):
+    for found in _outside([flat.unknowns[j] for j in looked_at], values, s.time[at], duration,
+                          missing(s.assembly, looked_at, s.columns(at), values)):
         if found.kind == "not-finite":
             k = int(np.argmin(np.abs(s.time - found.time)))
             there = evaluated(s.assembly, s.assembly.values, s.columns(np.array([k])))[:, 0]
@@ -287,12 +297,17 @@ def _formulas(assembly: Assembly) -> dict[str, ca.SX]:
     return found
 
 
-def without_value(signals: Mapping[str, Array], time: Array) -> Verdict:
-    """The verdict on signals by name or formula (N,) at times: that each has a value, whatever the variables have."""
+def without_value(signals: Mapping[str, Array], time: Array, lost: Callable[[str, Array], NDArray[np.bool_]]) -> Verdict:
+    """The verdict on signals by name or formula (N,) at times: that each has a value, whatever the variables have. `lost`
+    gives the points at which a signal with these values is undetermined."""
     found = []
     for name, course in signals.items():
-        if not np.isfinite(course).all():
-            at = int(np.argmin(np.isfinite(course)))
+        undecided = lost(name, course)
+        if undecided.any():
+            first = float(time[np.argmax(undecided)])
+            found.append(Finding("undetermined", name, "", first, math.nan, None, "1", UNDETERMINED))
+        if not (np.isfinite(course) | undecided).all():
+            at = int(np.argmin(np.isfinite(course) | undecided))
             found.append(Finding("not-finite", name, "", float(time[at]), float(course[at]), None, "1",
                                  NO_VALUE.format(f"the formula of {name}")))
     return verdict(found)
@@ -328,8 +343,9 @@ def _ranged(unknown: Unknown) -> bool:
     return any(math.isfinite(limit) for limit in limits)
 
 
-def _outside(unknowns: Sequence[Unknown], values: Array, time: Array, duration: float) -> Iterator[Finding]:
-    """What is wrong with the values (k, N) of unknowns at times of a run."""
+def _outside(unknowns: Sequence[Unknown], values: Array, time: Array, duration: float,
+             lost: NDArray[np.bool_] | None = None) -> Iterator[Finding]:
+    """What is wrong with the values (k, N) of unknowns at times of a run, but for those that are undetermined (`lost`)."""
     if not len(unknowns):
         return
     low, high = values.min(axis=1), values.max(axis=1)  # NaN where one is
@@ -337,7 +353,9 @@ def _outside(unknowns: Sequence[Unknown], values: Array, time: Array, duration: 
     with np.errstate(invalid="ignore"):
         fine = (low >= bounds[:, 0]) & (high <= bounds[:, 1])
     for k in np.flatnonzero(~fine).tolist():
-        yield from _wrong(unknowns[k], values[k], time, duration)
+        there = slice(None) if lost is None else ~lost[k]
+        if values[k, there].size:
+            yield from _wrong(unknowns[k], values[k, there], time[there], duration)
 
 
 def _bounds(u: Unknown, duration: float) -> tuple[float, float]:
@@ -396,11 +414,15 @@ def _passed(kind: str, u: Unknown, values: Array, time: Array, over: NDArray[np.
     """A limit that is passed, first at the time at which the straight line between two points meets it."""
     worst = float(values[int(np.argmax(np.abs(values - limit) * over))])
     edge, k = limit if kind in ("range", "physical") else float(np.copysign(limit, worst)), int(np.argmax(over))
-    first = float(time[k])
-    if k > 0 and values[k] != values[k - 1]:
-        share = float(np.clip((edge - values[k - 1]) / (values[k] - values[k - 1]), 0, 1))
-        first = float(time[k - 1]) + share * (first - float(time[k - 1]))
-    return finding_of(kind, u, first, worst, edge, advice)
+    return finding_of(kind, u, crossing_time(time, values, k, edge), worst, edge, advice)
+
+
+def crossing_time(time: Array, values: Array, k: int, level: float) -> float:
+    """When a course (N,) passes a level before its k-th point, on a straight line; its time if it was beyond already."""
+    if k == 0 or not np.isfinite(values[k]) or values[k] == values[k - 1]:
+        return float(time[k])
+    share = float(np.clip((level - values[k - 1]) / (values[k] - values[k - 1]), 0, 1))
+    return float(time[k - 1] + share * (time[k] - time[k - 1]))
 
 
 def finding_of(kind: str, u: Unknown, time: float, value: float, limit: float | None, advice: str) -> Finding:

@@ -300,8 +300,9 @@ class Adjoint:
         # long steps where the adjoint states are quiet would leave the integrals over p inaccurate
         options = {**integrator_options(dae, simulator.tolerances), "nadj": number, "steps_per_checkpoint": room,
                    "quad_err_con": True}
-        unit = time_unit(simulator.stops)
-        times = (simulator.stops / unit).tolist()
+        stops = simulator.stops - simulator.begin
+        unit = time_unit(stops)
+        times = (stops / unit).tolist()
         given = ("back", "idas", in_unit_of_time(dae, unit), times[0], times[1:])
         integrator = Evaluated(lambda more: ca.integrator(*given, {**options, **more}), ("xf", "adj_x0", "adj_p"))
         p = simulator.assembly.arguments[3]
