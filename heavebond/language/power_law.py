@@ -183,7 +183,7 @@ class _Trial:
         for bind, arrays in ((self.buffer.set_arg, self.given), (self.buffer.set_res, self.results)):
             for k, values in enumerate(arrays):
                 if values.size:
-                    bind(k, memoryview(values.ravel(order="K")))
+                    bind(k, memoryview(values.ravel(order="K")))  # type: ignore[arg-type, call-arg]
         self.assignments = self._assignments()
 
     # -- the equations and the powers ------------------------------------------------------------------------------
@@ -382,7 +382,7 @@ class _Trial:
         return None
 
     def _at(self, y: Array, p: Array, t: float) -> tuple[Array, Array]:
-        for values, value in zip(self.given, (y, p, t), strict=True):
+        for values, value in zip(self.given, (y, p, np.array(t)), strict=True):
             values[:] = value
         self.evaluate()
         residual, jacobian = (values.copy(order="F") for values in self.results)

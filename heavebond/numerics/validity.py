@@ -209,9 +209,9 @@ def _of_stretch(s: RunSection, duration: float, balanced: bool, ranged: bool) ->
         return
     shown = s.assembly.once("formulas", lambda: _formulas(s.assembly))
     imbalance, outputs = balance(s.assembly, columns, values, list(shown.values()))
-    for lost in imbalance:
-        advice = MAKES if lost.made else OPEN
-        yield Finding("energy", lost.owner, lost.owner, lost.time, lost.missing, lost.limit, "W", advice)
+    for part in imbalance:
+        advice = MAKES if part.made else OPEN
+        yield Finding("energy", part.owner, part.owner, part.time, part.missing, part.limit, "W", advice)
     yield from without_value(dict(zip(shown, outputs, strict=False)), s.time[chosen], lambda name, course: undetermined(
         s.assembly, s.assembly.express(shown[name]), columns, course)).findings
     if len(s.time) > 1:
