@@ -30,9 +30,7 @@ from heavebond.diagnosis.evidence.probability import (
     Event,
     Evidence,
     factor_bound,
-    more_probable_alone,
     probabilities,
-    resemblance,
     stated,
 )
 from heavebond.diagnosis.evidence.residual_tests import ResidualTests
@@ -108,23 +106,18 @@ def test_the_bound_of_the_factor_falls_with_p() -> None:
     assert factor_bound(1.0) == factor_bound(1 / np.e) == 1.0 and factor_bound(0.0) == 0.0
 
 
-def test_a_law_outside_is_told_beside_a_name_where_it_is_more_probable() -> None:
+def test_a_law_outside_the_catalogue_is_probable_if_curves_predict_better_or_none_was_fitted() -> None:
     event = Event("dry friction", 0.0, "at a", ("a",), ("CoulombFriction at a",))
     weights = {t: np.ones(1) for t in TEMPERATURES}
     likely = probabilities(Evidence((event,), weights, 50.0, 1e-9, 1e-9))
     assert {e.kind: e.probability for e in likely}[OUTSIDE] > 0.8
-    assert f"({likely[0].row[1]})" in resemblance(likely)[0]
-    assert resemblance(probabilities(Evidence((event,), weights, 1.0, 1e-9, 1e-9))) == []
-
-
-def test_what_the_first_step_alone_holds_for_more_probable_than_the_answer_is_told() -> None:
-    """A slip of the shaft of a hydraulic motor does what its leakage does, until its mechanical loss is found."""
-    slip = Event("slip", 0.42, "at the shaft", ("shaft",), ("ShaftSlip at shaft",))
-    leak = Event("leakage", 0.21, "in the motor", ("motor",), ("HydraulicMotor in motor (eta_v)",))
-    events = (slip, leak, Event(OUTSIDE, 0.37))
-    (told,) = more_probable_alone(events, leak.labels, ["mechanical loss in motor"])
-    assert "slip at the shaft (42 %)" in told and "beside mechanical loss in motor" in told
-    assert more_probable_alone(events, leak.labels, []) == more_probable_alone(events, slip.labels, ["drag"]) == []
+    unlikely = probabilities(Evidence((event,), weights, 1.0, 1e-9, 1e-9))
+    assert {e.kind: e.probability for e in unlikely}[OUTSIDE] < 0.2
+    # an identified curve that predicts no better than the law is no evidence for a law outside, whatever is left
+    alike = Evidence((event,), weights, 50.0, 1e-9, 1e-9, (Event("rate", 0.0, "at a", ("a",), ("Curve at a",)),), weights)
+    assert {e.kind: e.probability for e in probabilities(alike)}[OUTSIDE] < 0.2
+    better = replace(alike, flexible={t: 100 * weight for t, weight in weights.items()})
+    assert {e.kind: e.probability for e in probabilities(better)}[OUTSIDE] > 0.9
 
 
 def test_what_is_hardly_probable_is_listed_as_one() -> None:

@@ -43,15 +43,12 @@ from heavebond.diagnosis.answer.sentences import (
 )
 from heavebond.diagnosis.answer.tree import Tree, answer_tree
 from heavebond.diagnosis.answer.verdict import sheet_p_value
-from heavebond.diagnosis.candidates.catalogue import called
 from heavebond.diagnosis.evidence.flexible_laws import Adequacy, Remainder
 from heavebond.diagnosis.evidence.probability import (
     Event,
     Evidence,
     evidence,
-    more_probable_alone,
     probabilities,
-    resemblance,
     stated,
 )
 from heavebond.diagnosis.phases import CLOSING, FIRST, PHASES, State, Task, kept_time
@@ -243,9 +240,6 @@ def _answer(state: State, task: Task) -> Diagnosis:
                        evidence(steps, state.value_step, sheet_p_value(state.base), state.adequacy,
                                 next(iter(state.reviews), None)), bool(task.classes), state.reviews,
                        state.localization)
-    if said in ("effect", "one_of", "mainly"):
-        alone = more_probable_alone(answer.events, answer.named_first, [called(f.candidate) for f in findings[1:]])
-        answer = replace(answer, words=(*words[:1], *resemblance(answer.events), *alone, *words[1:]))
     return replace(answer, words=(*wrong_channels(models[-1].comparison), *answer.words))
 
 

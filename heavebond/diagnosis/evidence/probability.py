@@ -34,7 +34,6 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.core.errors import listing
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.decision import DECISION
@@ -358,27 +357,6 @@ def stated(events: Sequence[Event], named: Sequence[str]) -> tuple[Event, ...]:
     more = sum(e.probability for e in events if e not in own)
     found = [replace(e, probability=e.probability + more) if e.kind == OTHER else e for e in own]
     return tuple(sorted(found, key=lambda event: -event.probability))
-
-
-def resemblance(events: Sequence[Event]) -> list[str]:
-    """What is said beside a name where a law outside the catalogue is more probable than everything else."""
-    outside = next((e for e in events if e.kind == OUTSIDE), None)
-    if outside is None or outside.probability <= 0.5:
-        return []
-    return [f"By the calibration, a law that the catalogue does not have, and that what is named only resembles, is more "
-            f"probable ({outside.row[1]})."]
-
-
-def more_probable_alone(events: Sequence[Event], named: Sequence[str], others: Sequence[str]) -> list[str]:
-    """What is said where further effects, `others` in words, were found beside the answer to the first step, the candidates
-    with the labels `named`: the events of more probability in the first step that the answer leaves out, as they predict
-    worse beside these."""
-    most = max((e.probability for e in events if set(e.labels) & set(named)), default=1.0)
-    left = [" ".join((e.row[0], f"({e.row[1]})")) for e in events if e.labels and e.probability > most]
-    if not others or not left:
-        return []
-    return [f"The probabilities are those of the first step alone: beside {listing(others, 3)}, {listing(left, 3)} "
-            f"{'predict' if len(left) > 1 else 'predicts'} worse than what is named."]
 
 
 def _share(odds: Share) -> Share:
