@@ -186,8 +186,8 @@ def adequacy_alone(way: Selection, complete: bool) -> Adequacy:
 def curve_alone(way: Selection, number: int | None, seconds: float, say: Progress) -> tuple[Refit | None, Stage | None]:
     """The identified curve that alone, without the effects of a ladder, leaves significantly less than these do together,
     and the stage of curves; None where there is no such curve, or where not all were tried in `seconds`."""
-    made = make_curve_stage(way[0].step.experiment, beside=way[0].candidate, number=number, seconds=seconds,
-                            progress=lambda text: say(f"identified curves: {text}"))
+    made = make_curve_stage(way[0].step.experiment, beside=[t.candidate for t in way[0].alternatives], number=number,
+                            seconds=seconds, progress=lambda text: say(f"identified curves: {text}"))
     if made.partial:
         return None, None
     best = min((t for t in made.trials if t.errors is not None), key=loss, default=None)
@@ -209,8 +209,8 @@ def _compared(way: Selection, number: int | None, seconds: float, say: Progress)
         if others is not None and others[-1].chosen.errors is not None:
             exact = replace(way[-1].chosen, candidate=way[0].candidate)
             law = Comparand(exact, others[-1].chosen.errors, following(others[-1].step))
-    return law, make_curve_stage(law.experiment, beside=way[0].candidate, number=number, seconds=seconds,
-                                 progress=lambda text: say(f"identified curves: {text}"))
+    return law, make_curve_stage(law.experiment, beside=[t.candidate for t in way[0].alternatives], number=number,
+                                 seconds=seconds, progress=lambda text: say(f"identified curves: {text}"))
 
 
 OTHER_CAUSES = "Noise of a measured input (give its `noise:`), the dynamics of a sensor, or parameters that change with " \

@@ -139,13 +139,19 @@ def make_stage(experiment: Experiment, *, number: int | None = None, seconds: fl
     return replace(made, excluded=(*excluded.items(), *made.excluded))
 
 
-def make_curve_stage(experiment: Experiment, *, beside: Candidate | None = None,
+def make_curve_stage(experiment: Experiment, *, beside: Sequence[Candidate] = (),
                      among: Callable[[Candidate], bool] | None = None, number: int | None = None,
                      seconds: float = SECONDS, progress: Progress | None = None) -> Stage:
-    """A step with identified curves only: effects without a name, at single places and, of several places at once, at those
-    of the effect `beside`. With `among`, the curves for which it holds are refitted whatever their scores are."""
-    curves = [c for c in candidates(experiment) if c.kind == UNKNOWN and (among is None or among(c))
-              and (not c.members or (beside is not None and set(c.where) == set(beside.where)))]
+    """A step with identified curves only: effects without a name, at single places; at several places at once and between
+    nodes that no component joins, only at the places of the effects `beside`. With `among`, the curves for which it holds
+    are refitted whatever their scores are."""
+    places = {frozenset(c.where) for c in beside}
+    curves = [c for c in candidates(experiment) if c.kind == UNKNOWN and (not c.members or frozenset(c.where) in places)]
+    if places or among is not None:
+        curves += [c for c in between_all_nodes(experiment) if c.kind == UNKNOWN
+                   and (among is not None or frozenset(c.where) in places)]
+    if among is not None:
+        curves = [c for c in curves if among(c)]
     return _step(experiment, curves, number, seconds, progress or (lambda text: None), always=among is not None)
 
 
