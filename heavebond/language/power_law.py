@@ -10,7 +10,7 @@ the equations leave free stays random, so the points cover all motions, not only
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -180,10 +180,8 @@ class _Trial:
         self.given = [np.zeros(self.system.nnz_in(k)) for k in range(3)]
         self.results = [np.zeros(self.system.size_out(k), order="F") for k in range(2)]
         self.buffer, self.evaluate = self.system.buffer()
-        for bind, arrays in ((self.buffer.set_arg, self.given), (self.buffer.set_res, self.results)):
-            for k, values in enumerate(arrays):
-                if values.size:
-                    bind(k, memoryview(values.ravel(order="K")))  # type: ignore[arg-type, call-arg]
+        _bind(self.buffer.set_arg, self.given)
+        _bind(self.buffer.set_res, self.results)
         self.assignments = self._assignments()
 
     # -- the equations and the powers ------------------------------------------------------------------------------
@@ -382,7 +380,7 @@ class _Trial:
         return None
 
     def _at(self, y: Array, p: Array, t: float) -> tuple[Array, Array]:
-        for values, value in zip(self.given, (y, p, np.array(t)), strict=True):
+        for values, value in zip(self.given, (y, p, np.array([t])), strict=True):
             values[:] = value
         self.evaluate()
         residual, jacobian = (values.copy(order="F") for values in self.results)
@@ -422,6 +420,12 @@ class _Trial:
                  f"unbalanced {unbalanced:.4g} W", "at " + ", ".join(values) + " (SI)")
         return PowerReport(self.component.name, 0, max(imbalance, worst.imbalance), min(negative, worst.dissipation),
                            notes=notes)
+
+
+def _bind(bind: Callable[..., None], arrays: Iterable[Array]) -> None:
+    for k, values in enumerate(arrays):
+        if values.size:
+            bind(k, memoryview(values.ravel(order="K")))  # type: ignore[arg-type]  # arrays are buffers; typing knows it later
 
 
 def _weights(jacobian: Array) -> Array:
