@@ -42,7 +42,7 @@ from heavebond.text.syntax import Binary
 pytestmark = pytest.mark.long
 
 NAMES = {"parameters", "noise", "limits"}  # what holds entries by names that are not keys
-PAGE = Path(__file__).parents[1] / "docs" / "diagnosis.md"
+PAGE = Path(__file__).parents[1] / "docs" / "diagnosis_method.md"
 MEASURED = """
 experiment: the cart on its rail
 model: rig.yaml
