@@ -42,7 +42,7 @@ from heavebond.text.syntax import Binary
 pytestmark = pytest.mark.long
 
 NAMES = {"parameters", "noise", "limits"}  # what holds entries by names that are not keys
-PAGE = Path(__file__).parents[1] / "docs" / "diagnosis.md"
+PAGE = Path(__file__).parents[1] / "docs" / "diagnosis_method.md"
 MEASURED = """
 experiment: the cart on its rail
 model: rig.yaml
@@ -313,7 +313,7 @@ def keys(told: object) -> set[str]:
 
 def documented() -> set[str]:
     """The keys in the table of the page."""
-    rows = PAGE.read_text(encoding="utf-8").partition("| key | stands in |")[2].partition("\n\n")[0].splitlines()[2:]
+    rows = PAGE.read_text(encoding="utf-8").partition("| key | part of |")[2].partition("\n\n")[0].splitlines()[2:]
     listed = [row.split("`")[1] for row in rows]
     assert len(set(listed)) == len(listed)
     return set(listed) | set(BY_KEY)

@@ -37,7 +37,7 @@ HIDDEN = {"nothing": "nothing", "free": "wrong free parameters", "fixed": "a wro
 DRAW = """\
 Cases drawn at random over bundled machines of all domains (`python -m benchmarks.diagnosis.calibration`, which takes one
 case of each machine in turn and continues where it was interrupted). This draw is also the prior for which the
-[probabilities](diagnosis.md#how-sure-is-it) hold:
+[probabilities](diagnosis_method.md#probabilities) hold:
 
 * hidden is nothing (12 % of the cases), wrong free parameters (10 %), one wrong value that the diagram holds fixed (8
   %, by 10 to 50 %), an effect of the catalogue (35 %), one whose own law is struck from the catalogue while another
@@ -54,7 +54,7 @@ missing, that parameters are wrong, or that no law of the catalogue explains the
 and nothing is named. *Missed*: nothing is said to be missing. *Wrong*: the set leaves out what was hidden; a class that is
 struck may be imitated by another one down to the noise, and what is named then is counted as wrong as well."""
 CALIBRATION = """\
-The constants of the [probabilities](diagnosis.md#how-sure-is-it) are fitted to these cases
+The constants of the [probabilities](diagnosis_method.md#probabilities) are fitted to these cases
 (`python -m benchmarks.diagnosis.calibration fit`).
 
 *Expected calibration error*: the distance of the mean stated probability from the true frequency, in bins, weighted. Its
@@ -77,8 +77,9 @@ it was too large for the Silverbox.
 Beside the cubic stiffness of the Silverbox, an offset of 5.4 mV of its input is found there. A constant force acts the same
 on these records, and so does a second nonlinear spring with a free length. The cubic stiffness alone leaves 5.1 mV. The
 literature has no quadratic damping there: that it removes a fifth of the remaining error describes these records, and is no
-proof of the effect. It takes away 0.03 % of the misfit of the model without any effect; the present version asks for 5 % of
-a further effect where more than noise is left ([several effects](diagnosis.md#several-effects))."""
+proof of the effect. It takes away 0.03 % of the misfit of the model without any effect. The present version judges such an
+effect against the residual before it, and asks whether another law of the cubic spring explains as much
+([effects that are not certain](diagnosis_method.md#effects-that-are-not-certain))."""
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
