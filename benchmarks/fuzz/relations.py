@@ -227,8 +227,8 @@ def _split(given: Sheet, assembly: Assembly, rules: dict[str, dict[str, float]],
         component = component_of(entry["is"], assembly)
         own = {*component.parameters, *component.unknowns} if component is not None else set()
         # what is named elsewhere is not what it was, and a node may have the name of a part that is on it
-        if (rules is SERIES and name in nodes) or rule is None or component is None or "repeat" in entry or not {*rule} & {*entry} or \
-                any(re.search(rf"\b{name}\.{word}\b", said) for word in own):
+        if (rules is SERIES and name in nodes) or rule is None or component is None or "repeat" in entry or \
+                not {*rule} & {*entry} or any(re.search(rf"\b{name}\.{word}\b", said) for word in own):
             continue
         if not all(isinstance(entry.get(key, ""), str) for key in rule) or component.path.parent.name == "components":
             continue
