@@ -197,15 +197,15 @@ def _of_stretch(s: RunSection, duration: float, balanced: bool, ranged: bool) ->
     chosen = _spread(n, VALIDITY.samples)
     columns = s.columns(chosen)
     values = evaluated(s.assembly, s.assembly.values, columns)
-    lost = missing(s.assembly, range(len(flat.unknowns)), columns, values)
-    for j in np.flatnonzero(lost.any(axis=1)).tolist():
-        yield finding_of("undetermined", flat.unknowns[j], float(s.time[chosen][np.argmax(lost[j])]), math.nan, None,
+    undecided = missing(s.assembly, range(len(flat.unknowns)), columns, values)
+    for j in np.flatnonzero(undecided.any(axis=1)).tolist():
+        yield finding_of("undetermined", flat.unknowns[j], float(s.time[chosen][np.argmax(undecided[j])]), math.nan, None,
                          UNDETERMINED)
-    wrong = {f.name for f in _outside(flat.unknowns, values, s.time[chosen], duration, lost)}
+    wrong = {f.name for f in _outside(flat.unknowns, values, s.time[chosen], duration, undecided)}
     looked_at = [j for j, u in enumerate(flat.unknowns) if u.name in wrong or (ranged and j not in states and _ranged(u))]
     if looked_at:
         yield from _closely(s, looked_at, _spread(n, n if wrong else VALIDITY.watched), duration)
-    if not balanced or not (np.isfinite(values) | lost).all():
+    if not balanced or not (np.isfinite(values) | undecided).all():
         return
     shown = s.assembly.once("formulas", lambda: _formulas(s.assembly))
     imbalance, outputs = balance(s.assembly, columns, values, list(shown.values()))
