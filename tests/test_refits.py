@@ -46,6 +46,7 @@ class Workers:
 
     figures: Mapping[str, tuple[float, float] | None]
     falling: str = ""
+    lost: tuple[str, ...] = ()
     begun: list[str] = field(default_factory=list)
     followed: list[str] = field(default_factory=list)
 

@@ -88,7 +88,9 @@ def check_limits(result: Result, whole: Result | None = None) -> None:
         return
     above = _above(of, points)
     n = int(np.argmax(below.any(axis=0)))
-    times = {int(k): crossing_time(points.time, above[k], n, 0.0) for k in np.flatnonzero(below[:, n])}
+    # a variable passes its limit before it is below it by more than the grace
+    first = {int(k): n - int(np.argmax(above[k, n - 1::-1] >= 0)) if n else 0 for k in np.flatnonzero(below[:, n])}
+    times = {k: crossing_time(points.time, above[k], m, 0.0) for k, m in first.items()}
     k = min(times, key=lambda k: times[k])
     u, value = of.unknowns[k], float(above[k, n] + of.limits[k])
     violation = finding_of("physical", u, times[k], value, float(of.limits[k]), u.plausible.beyond)
