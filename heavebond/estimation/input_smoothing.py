@@ -4,8 +4,8 @@ A measured position that drives a source is differentiated. The derivative of wh
 has a deviation of about sqrt(2) s/h: a millimetre at 100 Hz is 0.14 m/s. The integrator follows it in small steps, and
 effects that are not there imitate it.
 
-The bandwidth is twice that of the least estimated error of the smoothed signal (Mallows' C_L): with the gain H of the smoothing
-spline at each frequency, residual r (n,) and noise s,
+The bandwidth is twice that of the least estimated error of the smoothed signal (Mallows' C_L): with the gain H of the
+smoothing spline at each frequency, residual r (n,) and noise s,
 
     error = mean(r**2) - s**2 + 2 s**2 mean(H).
 
