@@ -26,7 +26,8 @@ from heavebond.text.yaml_source import read_text
 NO_EXAMPLE = "There is none yet."
 GENERATED = "<!-- Made from the component's file by `make pages`; changes belong there. -->"
 PLACES = {"across": "between two nodes of its domain", "at": "on a node", "in series": "between a port and its node",
-          "input": "before a signal input", "channel": "in a measured channel"}
+          "input": "before a signal input", "channel": "in a measured channel",
+          "parameter": "as the factor of a parameter of a part"}
 MOTION = {"middle": "at the middle of the motion of", "half": "at half the span of", "peak": "at the peak of"}
 
 

@@ -579,6 +579,10 @@ def with_effect(component: Component) -> tuple[str, str]:
         new = ", ".join([given, *(f"{n}: 0" for n in own), *( [NEARLY[component.name]] if component.name in NEARLY else [])])
         new += ", n: 1" if component.name == "PowerLawOrifice" else ""
         return base, f"components: {{{part}: {{is: {component.name}, {new}}}}}\n"
+    if "parameter" in effect.attaches:
+        base, part, _ = OLD["Spring"]
+        return base, (f"components: {{fx: {{is: {component.name}, u: ={part}.s, {absent(component, 'm')}}}}}\n"
+                      f"vary: {{{part}.c: =fx.factor}}\n")
     if not component.ports:
         return SERVO, (f"components: {{fx: {{is: {component.name}, {absent(component, 'N')}}}}}\n"
                        "nodes: {command: [-push.u, +fx.u], fx_out: [fx.y, push.u]}\n")

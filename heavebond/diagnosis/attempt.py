@@ -47,7 +47,7 @@ def attempt(experiment: ExperimentOrFile, component: str, places: Sequence[str] 
     outputs until one place is left. Values of the result are in SI. `progress` is called with a text at each step.
     Raises UsageError where no place or several fit, and whatever `fit` raises.
     """
-    experiment = loaded(experiment)
+    experiment, _ = loaded(experiment)
     say = progress or (lambda text: None)
     values = [c for c in fixed_values(experiment) if c.name == component]
     distant = [c for c in between_all_nodes(experiment) if set(c.where) <= set(places)]

@@ -20,7 +20,7 @@ from heavebond.core.progress import Progress
 from heavebond.core.quantities import si_value
 from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
-from heavebond.diagnosis.answer.confirm import loaded
+from heavebond.diagnosis.answer.confirm import at_fit, loaded
 from heavebond.diagnosis.answer.ranking import as_dicts, entries
 from heavebond.diagnosis.answer.sentences import (
     CURVES,
@@ -42,7 +42,9 @@ from heavebond.diagnosis.answer.sentences import (
     wrong_starts,
 )
 from heavebond.diagnosis.answer.tree import Tree, answer_tree
+from heavebond.diagnosis.answer.variations import variation_words
 from heavebond.diagnosis.answer.verdict import sheet_p_value
+from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.evidence.flexible_laws import Adequacy, Remainder
 from heavebond.diagnosis.evidence.probability import (
     Event,
@@ -51,6 +53,7 @@ from heavebond.diagnosis.evidence.probability import (
     probabilities,
     stated,
 )
+from heavebond.diagnosis.evidence.record_differences import record_differences
 from heavebond.diagnosis.phases import CLOSING, FIRST, PHASES, State, Task, kept_time
 from heavebond.diagnosis.search.record_starts import own_start_words
 from heavebond.diagnosis.search.step import SECONDS, Stage
@@ -188,10 +191,20 @@ def diagnose(experiment: ExperimentOrFile, *, steps: int = MOST, number: int | N
     no record is to be fitted.
     """
     with working_on(executor):
-        budget, given = Budget(si_value(seconds, "s", "seconds")), loaded(experiment)
+        budget = Budget(si_value(seconds, "s", "seconds"))
+        given, smoothed = loaded(experiment)
         task = Task(budget, steps, number, classes, samples, progress or (lambda text: None),
                     growing or (lambda models: None))
-        return _answer(_run_phases(State(given, given), task), task)
+        answer = _answer(_run_phases(State(given, given), task), task)
+        differing = record_differences(at_fit(given, answer.fitted)) if _is_held_out_misfit(answer) else []
+        return replace(answer, words=(*answer.words, *differing, *smoothed))
+
+
+def _is_held_out_misfit(answer: Diagnosis) -> bool:
+    """Whether the fitted records leave noise and the held-out ones more."""
+    last = answer.ladder[-1] if answer.ladder else None
+    return last is not None and not answer.findings and not answer.partial and bool(answer.steps) \
+        and not answer.steps[0].left.significant and last.chi2_held_out > DECISION.near
 
 
 def _run_phases(state: State, task: Task) -> State:
@@ -224,7 +237,7 @@ def _answer(state: State, task: Task) -> Diagnosis:
                          None, state.base, noise, budget.spent, None, state.given, None, (EFFECTS, VALUES, CURVES))
     said, steps, findings, models = state.verdict, state.steps, state.findings, state.table
     first = models[0].comparison
-    words = (*sentences(said, models, findings, steps, state.shape, state.adequacy),
+    words = (*sentences(said, models, findings, steps, state.shape, state.adequacy), *variation_words(findings),
              *map(equivalent_value_words, state.values),
              *acting_as_values(findings, steps, [t.candidate.name for t in state.values]),
              *(state.separation.words if state.separation is not None else ()),

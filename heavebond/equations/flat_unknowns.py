@@ -115,6 +115,7 @@ class Unknowns:
         wanted = {f"{path}.{slot}" for path, made in self.templates.items() for slot in made.slots}
         model = self.expanded.model
         formulas: list[tuple[str, Expr]] = [("", shown.expr) for shown in model.show.values()]
+        formulas += [("", factor.value.expr) for factor in model.vary.values() if isinstance(factor.value, Value)]
         for leaf in self.expanded.leaves.values():
             formulas += [(b.scope, b.value.expr) for b in leaf.inputs.values() if isinstance(b.value, Value)]
         wanted |= {scope + n.text for scope, expr in formulas for n in names(expr)}

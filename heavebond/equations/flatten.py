@@ -9,7 +9,7 @@ from functools import cached_property
 
 import casadi as ca
 
-from heavebond.core.errors import ModelError, Place, Problems
+from heavebond.core.errors import ModelError, Place, Problems, listing
 from heavebond.core.units import (
     DIMENSIONLESS,
     ONE,
@@ -43,6 +43,7 @@ from heavebond.equations.parameters import (
 from heavebond.equations.resolver import Bond, Resolver, Unknown
 from heavebond.equations.temperature_origins import TemperatureOrigins, with_intervals
 from heavebond.equations.time_conditions import check_steps, timed
+from heavebond.equations.variation import Factor, factors, incidence
 from heavebond.language.definition import Domain, FileInput, Value
 from heavebond.language.incidence import EVERYTHING, Interval, classify
 from heavebond.language.model import Model
@@ -145,13 +146,17 @@ class Flat:
     @cached_property
     def energetics(self) -> tuple[Energetics, ...]:
         """Those of the components, in the order of the diagram."""
-        leaves, found = self.expanded.leaves, dict[str, Energetics]()
+        leaves, found, varied = self.expanded.leaves, dict[str, Energetics](), dict[str, list[str]]()
+        for name in self.expanded.model.vary:
+            varied.setdefault(name.rpartition(".")[0], []).append(name)
         for paths, values in self.energies:
             for path, own in zip(paths, _columns(values, len(paths)), strict=True):
                 power, stored, dissipated, unbalanced, energy = own
                 component = leaves[path].component
-                found[path] = Energetics(path, power, stored, dissipated, unbalanced, energy, component.power,
-                                         component.unbalanced_why)
+                kind, why = component.power, component.unbalanced_why
+                if names := varied.get(path):  # the variation itself exchanges power with the surroundings
+                    kind, why = kind or "controlled", f"{listing(names)} {'vary' if len(names) > 1 else 'varies'}"
+                found[path] = Energetics(path, power, stored, dissipated, unbalanced, energy, kind, why)
         return tuple(found[path] for path in leaves if path in found)
 
     @cached_property
@@ -229,6 +234,7 @@ class _Builder:
         self.held: tuple[Held, ...] = ()
         self.events: list[FlatEvent] = []
         self.templates: dict[str, Template] = {}
+        self.factors: dict[str, Factor] = {}  # of parameters that vary
 
     def build(self, also: tuple[str, ...]) -> Flat:
         self._make_templates()
@@ -243,15 +249,14 @@ class _Builder:
         check_asked(self.expanded.model, self._resolver(), (q.name for q in self.parameters.independent),
                     {h.name for h in self.held}, self.problems)
         check_outputs(self.claimed, self.expanded.model.show, self.names)
+        self.factors = factors(self.expanded.model, self.expanded.leaves, self.templates, self._resolver(), self.problems)
         self._node_equations()
         self._leaf_equations()
         self._given_inputs()
         self.problems.raise_as(ModelError)
         self._clocks()
         self.problems.raise_as(ModelError)
-        bounds = {s.element_hash(): (u.low, u.high) for s, u in zip(named, self.unknowns, strict=True)
-                  if (u.low, u.high) != EVERYTHING}
-        bounds.update(parameter_bounds(self.expanded, self.parameters))
+        bounds = self._bounds()
         bounds.update(held_bounds(self.expanded, self.constants))
         bounds.update({self.constants[e.resets[0].name].element_hash(): (0.0, 1.0) for e in self.events if e.by_clock})
         flat = Flat(self.expanded, tuple(self.unknowns), self.columns,
@@ -264,6 +269,12 @@ class _Builder:
         shown = with_intervals(flat)
         return flat if shown is model.show else replace(flat, expanded=replace(
             self.expanded, model=replace(model, show=shown)))
+
+    def _bounds(self) -> dict[int, Interval]:
+        """The intervals of unknowns and parameters by the hashes of their symbols."""
+        bounds = {s.element_hash(): (u.low, u.high) for s, u in zip(split(self.columns[0]), self.unknowns, strict=True)
+                  if (u.low, u.high) != EVERYTHING}
+        return bounds | parameter_bounds(self.expanded, self.parameters)
 
     def _clocks(self) -> None:
         """What equations ask of the time becomes what is held between events."""
@@ -372,6 +383,9 @@ class _Builder:
         """The templates in the diagram's symbols, in the order of the diagram."""
         found = self._evaluated_templates()
         held = {h.name: h for h in self.held}
+        varied: dict[str, list[Factor]] = {}
+        for name, factor in self.factors.items():
+            varied.setdefault(name.rpartition(".")[0], []).append(factor)
         for path in self.expanded.leaves:
             made = self.templates.get(path)
             if made is None:
@@ -380,9 +394,23 @@ class _Builder:
             self.events += leaf_events(path, made, happenings, self.names, held)
             own = [self.names[f"{path}.{slot}"] for slot in made.slots]
             size = len(own)
-            for line, residual, row in zip(made.lines, residuals, made.entries, strict=True):
-                entries = [((e.column // size) * self.n + own[e.column % size], e.kind) for e in row]
+            rows = [[((e.column // size) * self.n + own[e.column % size], e.kind) for e in row] for row in made.entries]
+            if path in varied:
+                rows = self._varied_rows(varied[path], own, residuals)
+            for line, residual, entries in zip(made.lines, residuals, rows, strict=True):
                 self._add(FlatEquation(path, line.label, line.text, line.place, line.kink), residual, _merged(entries))
+
+    def _varied_rows(self, varied: list[Factor], own: list[int], residuals: range) -> list[Entries]:
+        """The incidence of the equations of a part with varying parameters, which contain the unknowns of the factors."""
+        held = {self.constants[h.name].element_hash() for h in self.held}
+        column = ca.vertcat(*self.pieces)[list(residuals)]
+        unknowns = sorted({*own, *(k for factor in varied for k in factor.unknowns)})
+        return list(incidence(column, self.columns, unknowns, self.parameters.places.keys() - held, self._bounds()))
+
+    def _given(self, name: str) -> ca.SX:
+        """A parameter as it occurs in the equations of its part."""
+        factor = self.factors.get(name)
+        return self.constants[name] if factor is None else self.constants[name] * factor.expression
 
     def _evaluated_templates(self) -> dict[str, tuple[range, list[ca.SX]]]:
         """The numbers of the residuals of each leaf, and its events; a template is called once for all its leaves, a column
@@ -393,7 +421,7 @@ class _Builder:
         found: dict[str, tuple[range, list[ca.SX]]] = {}
         for made, paths in users.items():
             slots = [self.names[f"{path}.{slot}"] for path in paths for slot in made.slots]
-            own = [self.constants[f"{path}.{name}"] for path in paths for name in made.given]
+            own = [self._given(f"{path}.{name}") for path in paths for name in made.given]
             inputs = [*(ca.reshape(column[slots], len(made.slots), len(paths)) for column in self.columns),
                       ca.reshape(stack(own), len(made.given), len(paths)), self.time, self.rate]
             happenings = made.happenings(*inputs) if made.happenings else ca.SX(0, len(paths))

@@ -36,6 +36,7 @@ from heavebond.estimation.constant_bias import all_advice
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile, Output, Record, load_experiment
 from heavebond.estimation.feedback import closed_loops
 from heavebond.estimation.input_noise import noise_notes
+from heavebond.estimation.input_smoothing import smoothing_notes
 from heavebond.estimation.records import Mask, Measured, Samples, measure, moments
 from heavebond.estimation.unit_and_sign_checks import (
     seems_from_another_zero,
@@ -270,7 +271,8 @@ def compare_record(experiment: Experiment, record: Record,
     closed = closed_loops(experiment, record, {c.name: (c.time, c.measured, c.model) for c in fitted.values()})
     slipped = tuple(f"{name} {said}" for name, told in slips.items() for said in told)
     notes = (*measured.notes, *slipped, *_notes(measured, fitted, slips, held_inputs), *starts,
-             *noise_notes(experiment, measured), *closed, *changes_of(result, states=False))
+             *noise_notes(experiment, measured), *smoothing_notes(experiment, record, result.assembly), *closed,
+             *changes_of(result, states=False))
     doubtful = frozenset(fitted) - {name for name, told in slips.items() if not told and name not in measured.declared}
     return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, notes, doubtful, starts,
                             closed, tuple(c.name for c in elsewhere), slipped)

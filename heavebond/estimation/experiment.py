@@ -203,6 +203,8 @@ def changed_experiment(experiment: Experiment, change: Change) -> Experiment:
                 and parameter not in model.library.component(change.components[owner].kind).parameters)
 
     free = {name: f for name, f in experiment.free.items() if not lost(name)}
+    place = next(iter(experiment.records.values())).place
+    free |= {name: Free(name, span, free[name].place if name in free else place, True) for name, span in change.each.items()}
     return with_inputs_moved(replace(experiment, model=model, outputs=outputs, free=free), change.moved)
 
 

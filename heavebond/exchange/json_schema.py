@@ -81,6 +81,7 @@ def diagram() -> Schema:
         "parameters": _each(QUANTITY, "figures of your own, for formulas"), **BODY,
         "set": {"$ref": "#/definitions/settings"}, "remove": _said("parts of the extended diagram that go", WORDS),
         "initial": {"$ref": "#/definitions/initial"},
+        "vary": _each(FORMULA, "factors by which parameters of parts vary: `spring.c: =1 + 0.2*spring.s/(1 m)`"),
         "nominal": _each(QUANTITY, "the size that a variable commonly has, for error control: `coil.i: 1 nA`"),
         "show": _each(_object({"is": _said("a formula; without it the name itself", FORMULA), "unit": UNIT}, ["unit"]),
                       "named outputs"),
@@ -204,7 +205,7 @@ def _effect(domain: Schema) -> Schema:
     one = _object({
         "class": TEXT, "description": TEXT, "attaches": {"anyOf": [attaches, {"type": "array", "items": attaches}]},
         "amplitude": {"anyOf": [WORDS, _each(TEXT)]}, "search_range": _each(TEXT), "also": _each(domain), "replaces": WORDS,
-        "start": _each(FORMULA), "settled": WORDS, "requires": _each(WORDS), "acts": FORMULA,
+        "start": _each(FORMULA), "settled": WORDS, "requires": _each(WORDS), "acts": FORMULA, "varies_with": WORDS,
         "meaning": _said("the effect in a sentence with fields, `Dry friction of {F_c} {place}.`")},
         ["class", "description"], "that it may be what another diagram lacks")
     return {"anyOf": [one, {"type": "array", "items": one}]}
@@ -219,7 +220,8 @@ def parts() -> dict[str, Schema]:
         "column": column(["file", "column", "unit", "interpolation"]),
         "inputs": _each({"anyOf": [_said("the input whose record it takes over", {"type": "string"}),
                                    column(["column", "unit", "interpolation"],
-                                          {"noise": _said("standard deviation of its noise", QUANTITY)})]},
+                                          {"noise": _said("standard deviation of its noise", QUANTITY),
+                                    "smooth": _said("bandwidth of a smoothing spline: `5 Hz`", QUANTITY)})]},
                         "signal inputs that records drive"),
         "settings": _each(any_value, "values on dotted paths: `gas.c: 40 kN/m`"),
         "nodes": _each({"anyOf": [{"type": "array", "items": {"type": "string"}}, {"type": "string"}]},

@@ -137,7 +137,7 @@ class FileInput:
     `file` is `Path()` where the experiment's record is meant. `bridge`: gaps may be gone across. `zero` is the file and its
     column of times from whose first row times of a clock count, where that is another one's. `noise` is the standard
     deviation of its white noise, in `unit` (0: none is known); `seed` that of a realisation of this noise to be added to
-    the readings.
+    the readings; `smooth` the frequency in Hz above which a smoothing spline takes away more than half.
     """
 
     file: Path
@@ -151,6 +151,7 @@ class FileInput:
     zero: tuple[Path, str] | None = None
     noise: float = 0.0
     seed: int | None = None
+    smooth: float | None = None
 
 
 @dataclass(frozen=True)
@@ -198,7 +199,8 @@ class Effect:
     amplitude under `start` is absent at that value instead of zero; settled: variables (`v`) and rates (`der(v)`) that are
     zero at the start of a record, as far as that is open: a machine that runs already; meaning: what the effect does, with
     its values, in a sentence; requires: kinds of components of which one must stand on the node of a port, or that a
-    variable REVERSES in the records; acts: a quantity that is above zero while the effect acts.
+    variable REVERSES in the records; acts: a quantity that is above zero while the effect acts; varies_with: of the
+    factor of a parameter, what its input is (see VARIES_WITH).
     """
 
     kind: str
@@ -214,12 +216,17 @@ class Effect:
     meaning: Meaning | None = None
     requires: dict[str, tuple[str, ...]] = field(default_factory=dict)
     acts: Formula | None = None
+    varies_with: tuple[str, ...] = ()
 
 
 REVERSES = "reverses"  # what `requires:` asks of a variable: that it does not move in one direction only
 
-# between two nodes; on a node; between a port and its node; before a signal input; behind a measured output
-ATTACHES = ("across", "at", "in series", "input", "channel")
+# between two nodes; on a node; between a port and its node; before a signal input; behind a measured output; as the factor
+# of a part's parameter
+ATTACHES = ("across", "at", "in series", "input", "channel", "parameter")
+# what a parameter may vary with: a variable of its part that changes its sign, any variable of its part, the time, a time
+VARIES_WITH = ("rate", "variable", "time", "instant")
+FACTOR = "factor"  # the variable of a component that is the factor of a parameter
 
 
 @dataclass(frozen=True)

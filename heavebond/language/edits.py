@@ -14,6 +14,7 @@ from pathlib import Path
 
 from heavebond.core.errors import UsageError
 from heavebond.core.quoting import file_stem
+from heavebond.core.units import Range
 from heavebond.core.writable import write_text
 from heavebond.language.library import bundled
 from heavebond.language.model import Model, extended
@@ -33,16 +34,19 @@ class Part:
 
 @dataclass(frozen=True)
 class Change:
-    """What is added to a diagram: components by name, ends of nodes with their signs, values, initial values; and to the
-    experiment on it: `channels` maps outputs to the formulas that they equal now, `moved` inputs to where their record
-    goes now."""
+    """What is added to a diagram: components by name, ends of nodes with their signs, values, initial values, the factors of
+    parameters that `vary`; and to the experiment on it: `channels` maps outputs to the formulas that they equal now, `moved`
+    inputs to where their record goes now, and parameters that have a value of their own for `each` record to their
+    ranges."""
 
     components: dict[str, Part] = field(default_factory=dict)
     nodes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     settings: dict[str, str] = field(default_factory=dict)
     initial: dict[str, str] = field(default_factory=dict)
     channels: dict[str, str] = field(default_factory=dict)
+    vary: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     moved: dict[str, str] = field(default_factory=dict)
+    each: Mapping[str, Range] = field(default_factory=dict)
 
     def with_values(self, values: Mapping[str, str]) -> Change:
         """The same with other values of parameters, by full name, as they are written."""
@@ -67,9 +71,11 @@ class Change:
         nodes = dict(self.nodes)
         for name, ends in other.nodes.items():
             nodes[name] = (*nodes.get(name, ()), *ends)
+        vary = {name: tuple(dict.fromkeys((*self.vary.get(name, ()), *other.vary.get(name, ()))))
+                for name in (*self.vary, *other.vary)}
         return Change({**self.components, **other.components}, nodes, {**self.settings, **other.settings},
-                      {**self.initial, **other.initial}, {**self.channels, **other.channels},
-                      {**self.moved, **other.moved})
+                      {**self.initial, **other.initial}, {**self.channels, **other.channels}, vary,
+                      {**self.moved, **other.moved}, {**self.each, **other.each})
 
     def diagram(self, name: str, summary: str, extends: str) -> str:
         """The text of the diagram that extends the one before."""
@@ -77,6 +83,7 @@ class Change:
         lines += block("components", {k: _part(p) for k, p in self.components.items()})
         lines += block("nodes", {k: f"[{', '.join(ends)}]" for k, ends in self.nodes.items()})
         lines += block("set", {k: quoted(v) for k, v in self.settings.items()})
+        lines += block("vary", {k: quoted("=" + "*".join(v)) for k, v in self.vary.items()})
         lines += block("initial", {k: quoted(v) for k, v in self.initial.items()})
         return "\n".join(lines) + "\n"
 

@@ -12,8 +12,10 @@ from heavebond.core.units import Range, Unit, UnitProblem, check_unit, is_generi
 from heavebond.language import reading
 from heavebond.language.definition import (
     ATTACHES,
+    FACTOR,
     HELD,
     REVERSES,
+    VARIES_WITH,
     Component,
     Effect,
     Formula,
@@ -31,7 +33,7 @@ from heavebond.text.expression import Expr, ExpressionProblem, Name, names, pars
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence
 
 KEYS = ("class", "description", "attaches", "amplitude", "search_range", "also", "replaces", "start", "settled",
-        "meaning", "requires", "acts")
+        "meaning", "requires", "acts", "varies_with")
 
 
 def read_search_range(node: Node | None, unit: Unit, variables: Dictionary[str, Variable], what: str, problems: Problems
@@ -136,7 +138,8 @@ class EffectReader:
             tuple(word.text for word in reading.words(entry.items.get("replaces"), "replaces", self.problems)),
             self._start(entry.items.get("start")), self._settled(entry.items.get("settled")), entry.place,
             read_meaning(entry.items.get("meaning"), self.problems),
-            self._requires(entry.items.get("requires")), self._acts(entry.items.get("acts")))
+            self._requires(entry.items.get("requires")), self._acts(entry.items.get("acts")),
+            self._varies_with(entry.items.get("varies_with"), attaches))
         self._check(entry)
         self._check_meaning(found.meaning, () if found.replaces else tuple(self.ports))
         return found
@@ -167,8 +170,22 @@ class EffectReader:
             return "" if fits else "two power ports of one domain, further ones under `also:`"
         if word == "at":
             return "" if len(power) == 1 else "one power port, further ones under `also:`"
+        if word == "parameter":
+            fits = not power and len(inputs) == 1 and not outputs and FACTOR in self.variables
+            return "" if fits else f"one signal in, no other port and a variable '{FACTOR}'"
         fits = not power and len(inputs) == len(outputs) == 1 and inputs[0].unit.dimension == outputs[0].unit.dimension
         return "" if fits else "one signal in and one signal out of the same unit, and no power port"
+
+    def _varies_with(self, node: Node | None, attaches: tuple[str, ...]) -> tuple[str, ...]:
+        found = []
+        for word in reading.words(node, "varies_with", self.problems):
+            if word.text in VARIES_WITH and "parameter" in attaches:
+                found.append(word.text)
+            else:
+                self.problems.add("effect-varies", f"an effect cannot vary with '{word.text}'" if "parameter" in attaches
+                                  else "only an effect that attaches 'parameter' varies with something", word.place,
+                                  hint=f"Write `attaches: parameter` and {either(VARIES_WITH, 'or')}.")
+        return tuple(found)
 
     def _has(self) -> str:
         """The ports in words: `a (translational), b (translational), u (signal in)`."""

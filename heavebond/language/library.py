@@ -284,7 +284,7 @@ def domains() -> dict[str, Domain]:
     return found
 
 
-KINDS = ("rate", "displacement", "acceleration", "storage", "source", "transport", "measurement")
+KINDS = ("rate", "displacement", "acceleration", "storage", "source", "transport", "variation", "measurement")
 
 
 @lru_cache(maxsize=1)

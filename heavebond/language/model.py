@@ -25,6 +25,7 @@ from heavebond.language.sections import (
     read_plan,
     read_settings,
     read_show,
+    read_vary,
 )
 from heavebond.language.view import ViewShape, read_view
 from heavebond.text.expression import Number, calling
@@ -33,8 +34,8 @@ from heavebond.text.yaml_source import Node, Scalar, Source, parse, read
 if TYPE_CHECKING:
     import networkx as nx
 
-MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "remove", "initial", "nominal",
-              "show", "simulate", "view", "source", "notes")
+MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "vary", "remove", "initial",
+              "nominal", "show", "simulate", "view", "source", "notes")
 LONGEST_CHAIN = 50
 
 
@@ -52,6 +53,7 @@ class Model:
     parameters: dict[str, Value] = field(default_factory=dict)
     body: Body = field(default_factory=Body)
     settings: dict[str, Setting] = field(default_factory=dict)
+    vary: dict[str, Setting] = field(default_factory=dict)
     initial: Initial = field(default_factory=Initial)
     nominal: dict[str, Setting] = field(default_factory=dict)
     show: dict[str, NamedOutput] = field(default_factory=dict)
@@ -328,6 +330,7 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
         summary=reading.text(root.items.get("summary"), "summary", problems) or base.summary,
         parameters=parameters, body=Body(instances, wires, inside),
         settings={**_kept_settings(base, body), **read_settings(root.items.get("set"), source, problems)},
+        vary={**base.vary, **read_vary(root.items.get("vary"), problems)},
         initial=read_initial(root.items.get("initial"), base.initial, problems),
         nominal={**base.nominal, **read_nominal(root.items.get("nominal"), problems)},
         show={**base.show, **read_show(root.items.get("show"), problems)},

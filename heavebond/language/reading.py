@@ -206,7 +206,7 @@ def _unmarked(content: str, what: str) -> tuple[str, str, str]:
 def file_input(node: Mapping, source: Source, problems: Problems, what: str, *, file: bool = True) -> FileInput | None:
     """`{file: heave.csv, column: z, unit: m, interpolation: spline}`; the file is beside the file that names it. Without
     `file`, of an experiment, it may have `noise`, which is left to the caller."""
-    keys = ["file", "column", "unit", "interpolation", "time", "gaps", *([] if file else ["noise"])]
+    keys = ["file", "column", "unit", "interpolation", "time", "gaps", "smooth", *([] if file else ["noise"])]
     if node.items and not any(nearest(name, keys) for name in node.items):
         keyed = f"`{{{listing(node.items)}}}`"
         problems.add("not-a-quantity", f"{what}: {keyed} is neither a quantity nor an input from a record", node.place,
@@ -226,12 +226,36 @@ def file_input(node: Mapping, source: Source, problems: Problems, what: str, *, 
         unit_text(unit, problems)
     if any(name not in node.items for name in ("column", "unit", "interpolation")):
         return None
-    entry = {name: text(item, name, problems) for name, item in node.items.items() if name not in ("time", "noise")}
+    entry = {name: text(item, name, problems) for name, item in node.items.items()
+             if name not in ("time", "noise", "smooth")}
     time_node = node.items.get("time")
     time_column, time_unit = time_axis(time_node, problems) if time_node is not None else (None, "s")
     return FileInput(source.path.parent / entry["file"] if "file" in entry else Path(), entry["column"], entry["unit"],
                      entry["interpolation"], node.place, time_column, time_unit,
-                     choice(node.items.get("gaps"), "gaps", ("bridge",), problems) == "bridge")
+                     choice(node.items.get("gaps"), "gaps", ("bridge",), problems) == "bridge",
+                     smooth=_bandwidth(node.items.get("smooth"), entry["interpolation"], problems))
+
+
+def _bandwidth(node: Node | None, interpolation: str, problems: Problems) -> float | None:
+    """The `smooth:` of an input in Hz."""
+    read = value(node, "smooth", problems) if node is not None else None
+    if read is None or node is None:
+        return None
+    number = constant(read.expr)
+    try:
+        check_unit(getattr(read.expr, "unit", None), read_unit("Hz"), number or 0.0, read.text)
+    except UnitProblem as problem:
+        problems.add(problem.code, f"smooth: {problem.message}", read.place, hint="Write for example `smooth: 5 Hz`.")
+        return None
+    if number is None or not 0 < number < float("inf"):
+        problems.add("smooth-not-positive", f"smooth: '{read.text}' is no frequency above 0", read.place,
+                     hint="Write for example `smooth: 5 Hz`.")
+        return None
+    if interpolation == "hold":
+        problems.add("smooth-hold", "an input that is held from sample to sample (`interpolation: hold`) is not smoothed",
+                     node.place, hint="Remove `smooth:`, or write `interpolation: spline`.")
+        return None
+    return number
 
 
 def time_axis(node: Node, problems: Problems) -> tuple[str | None, str]:

@@ -142,6 +142,18 @@ def read_nominal(node: Node | None, problems: Problems) -> dict[str, Setting]:
     return found
 
 
+def read_vary(node: Node | None, problems: Problems) -> dict[str, Setting]:
+    """`vary:` of a diagram: factors, formulas of variables and the time, by which parameters of parts vary."""
+    found: dict[str, Setting] = {}
+    entries = reading.mapping(node, "vary", problems, "Write `vary: {spring.c: =1 + 0.2*spring.s/(1 m)}`.")
+    for key, item in (entries.items if entries else {}).items():
+        assert entries is not None
+        path = reading.element_path(key)
+        if (value := reading.value(item, path, problems)) is not None:
+            found[path] = Setting(path, value, entries.keys[key].place)
+    return found
+
+
 def read_show(node: Node | None, problems: Problems) -> dict[str, NamedOutput]:
     entries = reading.mapping(node, "show", problems)
     found = {}

@@ -13,7 +13,7 @@ from heavebond.equations.flatten import Flat, KnownInput
 from heavebond.language.definition import FileInput
 from heavebond.numerics.dae import Array
 from heavebond.records.measurements import Table, check_gaps, check_time, column, read_table, samples, timed
-from heavebond.records.piecewise import Pieces, align, pieces
+from heavebond.records.piecewise import Pieces, align, pieces, smoothed_pieces
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,8 @@ def read_input(known: KnownInput, begin: float = -np.inf, end: float = np.inf) -
     if given.seed is not None:
         random = np.random.default_rng([given.seed, crc32(known.name.encode())])
         values = values + given.noise * random.standard_normal(len(values))
+    if given.smooth is not None:
+        return smoothed_pieces(time, unit.to_si(values), given.interpolation, given.smooth)
     return pieces(time, unit.to_si(values), given.interpolation)
 
 

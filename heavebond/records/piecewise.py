@@ -14,6 +14,7 @@ from heavebond.core.errors import DataError, Problem, UsageError, suggest
 Array = NDArray[np.float64]
 SMOOTHNESS = {"hold": -1, "linear": 0, "spline": 2}
 TERMS = 4
+LEAST_TO_SMOOTH = 5  # samples of a smoothing spline
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,34 @@ def pieces(time: ArrayLike, values: ArrayLike, interpolation: str = "spline") ->
 
     descending = CubicSpline(t, y, bc_type="not-a-knot").c
     return Pieces(t, _padded(descending[::-1].T), SMOOTHNESS[interpolation])
+
+
+def smoothed_pieces(time: ArrayLike, values: ArrayLike, interpolation: str, bandwidth: float) -> Pieces:
+    """The samples `values` (n,) at the times `time` (n,) in s, smoothed: `spline` is the smoothing spline itself, `linear`
+    joins its values at the samples.
+
+    The smoothing spline f minimises sum (y - f)**2 + lambda integral f''**2. Between the ends of a long record it passes the
+    frequency w with the gain 1/(1 + (w/w_b)**4) and without a phase shift, where lambda = 1/(h w_b**4) with the sample
+    interval h: `bandwidth` w_b/(2 pi) in Hz is the frequency at which the gain is 1/2.
+
+    C. H. Reinsch, Numerische Mathematik 10, 1967, 177-183, doi:10.1007/BF02162161; B. W. Silverman, Annals of Statistics 12,
+    1984, 898-916, doi:10.1214/aos/1176346710 (the equivalent filter).
+    """
+    t, y = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    plain = pieces(t, y, interpolation)  # checks
+    interval = float(np.median(np.diff(t)))
+    if len(t) < LEAST_TO_SMOOTH or bandwidth * 2 * interval >= 1:  # above the highest frequency that the samples hold
+        return plain
+    from scipy.interpolate import PPoly, make_smoothing_spline
+
+    unit = (t - t[0]) / interval
+    spline = make_smoothing_spline(unit, y, lam=(2 * math.pi * bandwidth * interval)**-4)
+    if interpolation == "linear":
+        return pieces(t, spline(unit), interpolation)
+    whole = PPoly.from_spline((spline.t, spline.c, spline.k))
+    inner = np.flatnonzero(np.diff(whole.x) > 0)
+    coefficients = whole.c[::-1, inner].T / interval**np.arange(TERMS)
+    return Pieces(t, _padded(coefficients), SMOOTHNESS[interpolation])
 
 
 def _piece(signal: Pieces, t: Array) -> NDArray[np.intp]:

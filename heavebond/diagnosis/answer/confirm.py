@@ -18,20 +18,22 @@ from heavebond.diagnosis.search.step import following
 from heavebond.diagnosis.search.stepwise import SelectedEffect, Selection
 from heavebond.diagnosis.state import AddedEffect, LadderEntry, ladder_entry, with_limits
 from heavebond.estimation.channel_noise import with_noise
-from heavebond.estimation.comparison import Comparison, compare, compare_record
+from heavebond.estimation.comparison import Comparison, assemble_for, compare, compare_record
 from heavebond.estimation.excerpts import as_long_as, cut
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_experiment
 from heavebond.estimation.fitting import Fit, evaluated, fit
+from heavebond.estimation.input_smoothing import with_smoothed_inputs
 
 
-def loaded(experiment: ExperimentOrFile) -> Experiment:
-    """An experiment, read where it is a file, with what the noise of its inputs does; UsageError where no record of it is
-    fitted."""
+def loaded(experiment: ExperimentOrFile) -> tuple[Experiment, tuple[str, ...]]:
+    """An experiment, read where it is a file, with what the noise of its inputs does; and a sentence for each of its inputs
+    that is smoothed. UsageError where no record of it is fitted."""
     found = load_experiment(experiment)
     if not any(r.use == "fit" for r in found.records.values()):
         raise UsageError([Problem("fit-no-record", "no record is to be fitted", None,
                                   "Mark at least one record with `use: fit`.")])
-    return with_noise(found)
+    smoothed, said = with_smoothed_inputs(found, assemble_for(found, next(iter(found.records.values()))))
+    return with_noise(smoothed), said
 
 
 def compared(experiment: Experiment) -> Comparison:

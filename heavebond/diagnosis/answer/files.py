@@ -35,9 +35,10 @@ def finding_files(finding: AddedEffect, before: Experiment, model: Path, experim
     change = candidate.change.joined(fitted).with_values(
         {name: units[name].written(p.value) for name, p in sought.items()})
     said = f"{before.model.name} with {candidate.kind} {candidate.place}."
-    own = {name: f for name, f in finding.fit.experiment.free.items() if f.each and name not in before.free}
+    own = {name: f for name, f in finding.fit.experiment.free.items()
+           if f.each and (name not in before.free or not before.free[name].each)}
     begun = {p.name.removeprefix(INITIAL): own[p.name].range.unit.written(p.before) for p in finding.fit.parameters
-             if p.name in own}
+             if p.name in own and p.name.startswith(INITIAL)}
     # what is free needs a value in the diagram
     change = Change(initial={state: text for state, text in begun.items()
                              if state not in before.model.initial.conditions}).joined(change)
@@ -49,10 +50,18 @@ def finding_files(finding: AddedEffect, before: Experiment, model: Path, experim
     lines = [f"experiment: {quoted(f'{before.name}, with {candidate.kind} {candidate.place}')}",
              f"extends: {quoted(extended_from(experiment, before.path))}",
              f"model: {quoted(extended_from(experiment, model))}",
-             *block("inputs", {new: old for old, new in change.moved.items()}),
+             *block("inputs", {**_smoothed_inputs(before), **{new: old for old, new in change.moved.items()}}),
              *block("outputs", {name: f"{{is: {quoted(formula)}}}" for name, formula in change.channels.items()}),
              *block("free", free)]
     return diagram, "\n".join(lines) + "\n"
+
+
+def _smoothed_inputs(experiment: Experiment) -> dict[str, str]:
+    """The inputs that are smoothed, as they are written: a diagnosis smooths inputs whose file does not say so."""
+    return {name: f"{{column: {quoted(given.column)}, unit: {quoted(given.unit)}, interpolation: {given.interpolation}, "
+                  f"{'gaps: bridge, ' if given.bridge else ''}smooth: {given.smooth:g} Hz"
+                  f"{f', noise: {given.noise:g} {given.unit}' if given.noise else ''}}}"
+            for name, given in experiment.inputs.items() if given.smooth is not None and given.file == Path()}
 
 
 @dataclass(frozen=True)

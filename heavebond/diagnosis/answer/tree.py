@@ -232,7 +232,7 @@ def _levels(step: Stage, candidate: Candidate, kind: str, library: Library) -> t
     system = MEASURING if nature == "measurement" or candidate.attaches == "channel" else MACHINE
     place = step.places.place(candidate)
     law = candidate.name if candidate.attaches == "in" else candidate.component
-    inside = candidate.attaches in ("in", "replaces") and not candidate.members
+    inside = candidate.attaches in ("in", "replaces", "parameter") and not candidate.members
     words = f"in {candidate.where[0]}" if inside else candidate.place
     does = kind_words(nature, _domain(candidate, library), len(place[1]) > 1)
     return (system, place, nature, kind, law), (system, words, does, kind, law)
@@ -263,7 +263,7 @@ def kind_words(kind: str, domain: Domain | None, pair: bool) -> str:
             "depends on the displacement"
     return {"acceleration": "adds inertia", "storage": "stores " + ("heat" if heat else "fluid" if fluid else "energy"),
             "source": f"exerts a constant {acts or 'action'}", "transport": "delays, limits or distorts a signal",
-            "measurement": "shifts or scales a signal"}.get(kind, "acts")
+            "variation": "has a parameter that varies", "measurement": "shifts or scales a signal"}.get(kind, "acts")
 
 
 # -- a law outside the catalogue -------------------------------------------------------------------------------------------

@@ -192,7 +192,7 @@ def single_candidates(experiment: Experiment, site: Site | None = None) -> list[
     for component in experiment.model.library.effects():
         for effect in component.effects:
             check_required(component, effect, experiment.model.library.files)
-            made = [c for way in effect.attaches for c in _WAYS[way](site, component, effect)]
+            made = [c for way in effect.attaches if way in _WAYS for c in _WAYS[way](site, component, effect)]
             made += [c for kind in effect.replaces for c in _replacing(site, component, effect, kind)]
             found += _where_meaningful(site, component, effect, made)
     blocks = [path for path, leaf in site.expanded.leaves.items() if leaf.component.composite and any(

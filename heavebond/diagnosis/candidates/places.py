@@ -63,7 +63,8 @@ class Places:
         if series and candidate.members:
             return "in series", frozenset(candidate.where), frozenset()
         # a node may have the name of a part
-        parts = candidate.where[1:] if series else candidate.where if candidate.attaches in ("in", "replaces") else ()
+        of_parts = candidate.attaches in ("in", "replaces", "parameter")
+        parts = candidate.where[1:] if series else candidate.where if of_parts else ()
         nodes = set(candidate.where[:len(candidate.where) - len(parts)])
         nodes = nodes.union(*(self._nodes(candidate, part) for part in parts))
         moving = {self.as_one.get(name, name) for name in nodes - self.grounds}

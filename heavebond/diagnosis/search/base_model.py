@@ -33,7 +33,7 @@ from heavebond.numerics.quick_simulation import QuickSimulator, Unexplained
 from heavebond.numerics.simulator import Tolerances
 from heavebond.text.expression import Call, Expr, children
 
-ADDING = ("across", "at", "in", "input", "channel")  # ways to attach that leave what is there as it is
+ADDING = ("across", "at", "in", "input", "channel", "parameter")  # ways to attach that leave what is there as it is
 MOST = 12  # candidates in one diagram: what sleeps is evaluated in every run
 
 

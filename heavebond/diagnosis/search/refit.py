@@ -316,6 +316,9 @@ class _RefitProblem:
     def _start(self, plan: Plan) -> Array:
         """A plan as a point of the problem."""
         there = {(c.free.name, c.record): v for c, v in zip(self.base.problem.columns, plan.base, strict=True)}
+        # what has a value of its own for each record now begins at the common one
+        there |= {(c.free.name, c.record): there.get((c.free.name, ""), c.inner(c.before)) for c in self.problem.columns
+                  if c.free.name in self.candidate.change.each}
         start: Array = np.array([there[c.free.name, c.record] if (c.free.name, c.record) in there else
                           c.inner(float(np.clip(plan.numbers[c.free.name], *self.ranges[c.free.name])))
                           for c in self.problem.columns])

@@ -35,6 +35,7 @@ from heavebond.diagnosis.search.base_model import Base, SharedDiagram, plain_res
 from heavebond.equations.places import nodes_of
 from heavebond.estimation.residuals import Run
 from heavebond.language.definition import SearchRange
+from heavebond.language.edits import Change
 from heavebond.language.symbols import kinked
 from heavebond.numerics.dae import Array
 from heavebond.numerics.quick_simulation import QuickSimulator
@@ -107,6 +108,11 @@ SIZED, RUNS, STAYS = 10.0, 6, 3.0
 ROUGH = 2.0
 
 
+# Shares of the duration at which the step of a parameter in time is scored: the tangent of a step tells where it must move
+# only as far as its width.
+INSTANTS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+
+
 @dataclass(frozen=True)
 class Score:
     """One candidate at one choice of its shapes: z (see the module), the amplitude that the score asks for, `step` of the
@@ -147,10 +153,40 @@ def scored(base: Base, candidate: Candidate, shared: SharedDiagram | None = None
     """The scores of one candidate at a few choices of its shapes; none where the diagram with it cannot be simulated. Where
     it is one of several in a `shared` diagram, its runs are made with that, the others asleep; where it cannot be simulated
     at amplitude zero, from finite amplitudes on."""
+    if candidate.change.each:
+        return _of_records(base, candidate)
     found = _scored_from_zero(base, candidate, shared)
     if found or not candidate.vanishes or (finite := from_finite_amplitudes(base, candidate)) is None:
         return found
     return _all_scores(base, finite, lambda one, names: base.runs(one.change, names))
+
+
+def _of_records(base: Base, candidate: Candidate) -> list[Score]:
+    """The score of a parameter with a value of its own for each record. Its directions are the derivatives to the
+    parameter on one record each; together they take away the projection of the residual on what the free parameters leave
+    of them."""
+    (name, _), = candidate.change.each.items()
+    columns = [k for k, column in enumerate(base.problem.columns) if column.free.name == name]
+    try:
+        whole = base.J[:, columns[0]] if columns else sensitivities(base, base.runs(Change(), [name]), {})[name]
+    except HeavebondError:
+        return []
+    ends = np.cumsum([0, *(int(run.counts.sum()) for run in base.problem.runs)])
+    own = np.zeros((len(whole), len(ends) - 1))
+    for k in range(own.shape[1]):
+        own[ends[k]:ends[k + 1], k] = whole[ends[k]:ends[k + 1]]
+    left = np.column_stack([base.split(column)[0] for column in own.T])
+    common, least = left.sum(axis=1), SAME * float(np.linalg.norm(whole))
+    if float(np.linalg.norm(common)) > least:  # another value on all records alike is no difference between them
+        left = left - np.outer(common, common @ left / (common @ common))
+    basis, sizes, _ = np.linalg.svd(left, full_matrices=False)
+    basis = basis[:, sizes > max(least, 1e-300)]
+    taken = basis @ (basis.T @ base.r)
+    z = float(np.linalg.norm(taken))
+    if z == 0:
+        return []
+    return [Score(candidate, {}, z, z / float(sizes[0]), np.zeros(len(base.inner)), float(np.linalg.norm(whole)),
+                  float(sizes[0]) / float(np.linalg.norm(whole)), -taken / z)]
 
 
 def _scored_from_zero(base: Base, candidate: Candidate, shared: SharedDiagram | None) -> list[Score]:
@@ -383,7 +419,8 @@ def points_within(candidate: Candidate, motions: Mapping[str, tuple[float, float
         return [{}]
     found = []
     signed = any(low < 0 < high for low, high in ranges.values())
-    for share in (0.1, 0.5, 0.9) if not candidate.vanishes else (0.25, 0.5, 0.75) if signed else (0.25, 0.75):
+    for share in INSTANTS if candidate.attaches == "parameter" else \
+            (0.1, 0.5, 0.9) if not candidate.vanishes else (0.25, 0.5, 0.75) if signed else (0.25, 0.75):
         point = {name: point_of_range(low, high, share) for name, (low, high) in ranges.items()}
         for high_one, low_one in candidate.orders:  # a pair of limits is drawn together from outside
             for name, part in ((high_one, 1 - share / 2), (low_one, share / 2)):

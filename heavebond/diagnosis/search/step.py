@@ -19,6 +19,7 @@ from heavebond.core.progress import Progress
 from heavebond.diagnosis.candidates.catalogue import Candidate, at_values, single_candidates
 from heavebond.diagnosis.candidates.fixed_values import fixed_values, is_calibration_error
 from heavebond.diagnosis.candidates.places import Places, between_all_nodes, candidates
+from heavebond.diagnosis.candidates.varying import varying_parameters
 from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.evidence.comparison import (
     ALL,
@@ -40,6 +41,7 @@ from heavebond.diagnosis.evidence.prediction import (
 )
 from heavebond.diagnosis.evidence.residual_tests import ResidualTests, is_above_noise, is_noise, leftover
 from heavebond.diagnosis.search.base_model import TIMES, Base, finer, searched
+from heavebond.diagnosis.search.onset import onsets
 from heavebond.diagnosis.search.prescore import select
 from heavebond.diagnosis.search.refit import Refit, bic, refitted_from
 from heavebond.diagnosis.search.schedule import RefitSchedule, beyond_their_members, planned
@@ -135,7 +137,8 @@ def make_stage(experiment: Experiment, *, number: int | None = None, seconds: fl
     excluded: dict[str, str] = {}
     found = [c for c in candidates(experiment, excluded) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
     distant = [c for c in between_all_nodes(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
-    made = _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough, distant=distant)
+    made = _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough, distant=distant,
+                 varying=lambda c: not classes or c.kind in classes)
     return replace(made, excluded=(*excluded.items(), *made.excluded))
 
 
@@ -179,8 +182,9 @@ def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> 
 
 def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None, seconds: float, say: Progress,
           always: bool = False, thorough: bool = False, beside: Refit | None = None, most: int | None = None,
-          distant: Sequence[Candidate] = ()) -> Stage:
-    """`distant` are candidates of which those get an exact score whose prescore promises it."""
+          distant: Sequence[Candidate] = (), varying: Callable[[Candidate], bool] | None = None) -> Stage:
+    """`distant` are candidates of which those get an exact score whose prescore promises it; `varying` chooses among the
+    variations of parameters, which are scored if more than noise is left."""
     began = clock.perf_counter()
     say("fitting what is free")
     base = fitted_base(experiment)
@@ -212,6 +216,10 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             known = {s.candidate.label for s in scores}
             scores = beyond_their_members(scores)
             left = leftover(base, scores, prescored.scores)
+            if left.significant and varying is not None:
+                found, more, weak = _with_variations(base, found, scores, varying, workers, say)
+                scores, excluded = [*scores, *more], excluded | weak
+                known |= {s.candidate.label for s in more}
             if left.significant or always:
                 acts_as = {} if beside is not None or most is not None else equivalent_values(base, scores)
                 leading, rest, twins = planned(scores, as_one)
@@ -236,6 +244,28 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     return replace(made, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as, planned=len(found), broken=broken,
                    failed=tuple(refits.failed), prescored=len(distant), left_out=prescored.left_out,
                    excluded=tuple(excluded.items()))
+
+
+def _with_variations(base: Base, found: Sequence[Candidate], before: Sequence[Score], chosen: Callable[[Candidate], bool],
+                     workers: Workers, say: Progress) -> tuple[list[Candidate], list[Score], dict[str, str]]:
+    """The candidates, whose scores are known `before`, with variations of parameters and with leading effects that begin
+    at a time; the scores of these; and the variations that are not tried, each with the reason."""
+    say("looking for parameters that may vary")
+    varying = varying_parameters(base.problem, base.inner)
+    added = [c for c in varying.candidates if chosen(c)]
+    left_out = {f"variation of {name}" if not name.startswith("of ") else f"variation {name}": reason
+                for name, reason in varying.left_out.items()}
+
+    def scored(group: Sequence[Candidate]) -> list[Score]:
+        place, scores = {c.label: k for k, c in enumerate(group)}, list[Score]()
+        for k, (candidate, got) in enumerate(workers.score(group), 1):
+            say(f"scoring {k} of {len(group)}: {candidate.label}")
+            scores += got
+        return sorted(scores, key=lambda s: place[s.candidate.label])
+
+    of_variations = scored(added)
+    beginning = onsets(base, [*before, *of_variations])
+    return [*found, *added, *beginning], [*of_variations, *scored(beginning)], left_out
 
 
 def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]], most: int

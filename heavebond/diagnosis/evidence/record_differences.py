@@ -1,0 +1,67 @@
+"""Parameters that differ between the fitted and the held-out records.
+
+If the fitted records leave noise and a held-out record leaves more, the missing effect does not show where the model is
+fitted. A parameter may have another value in that record. Each influential parameter gets a value of its own there, fitted
+to the beginning of the record, and predicts the rest.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from heavebond.core.errors import HeavebondError, listing
+from heavebond.core.presentation import number, readable
+from heavebond.diagnosis.candidates.catalogue import Candidate
+from heavebond.diagnosis.candidates.varying import differing_parameters
+from heavebond.diagnosis.decision import DECISION
+from heavebond.diagnosis.search.base_model import exact_runs, searched
+from heavebond.diagnosis.search.step import EARNED, fallen
+from heavebond.estimation.experiment import Experiment, Record, changed_experiment
+from heavebond.estimation.fitting import own_values
+from heavebond.estimation.residuals import Residuals, Run
+from heavebond.numerics.dae import Array
+
+
+def record_differences(experiment: Experiment) -> list[str]:
+    """A sentence for each held-out record that a fitted model does not predict, if one parameter with another value there
+    explains most of it; `experiment` has the fitted values in its diagram."""
+    problem = searched(experiment)
+    inner = problem.start
+    runs = exact_runs(experiment, problem.runs)
+    candidates = differing_parameters(problem, inner)
+    found = [_difference(problem, inner, record, runs[record.name], candidates)
+             for record in experiment.records.values() if record.use != "fit"]
+    return [said for said in found if said]
+
+
+def _difference(problem: Residuals, inner: Array, record: Record, run: Run, candidates: tuple[Candidate, ...]) -> str:
+    """The sentence for one held-out record; empty if no single parameter explains what is left there."""
+    experiment, values = problem.experiment, problem.values_of(inner, problem.runs[0].record.name)
+    before = run.held_out(values)[0]
+    chi2, samples = float(np.mean(before**2)), len(before)
+    if chi2 <= DECISION.near:
+        return ""
+    left: list[tuple[float, str, float, float]] = []
+    for candidate in candidates:
+        (name, _), = candidate.change.each.items()
+        try:
+            own = own_values(changed_experiment(experiment, candidate.change), record, values, run)
+            after = run.held_out({**values, name: own.values[name]})[0]
+        except (HeavebondError, KeyError):
+            continue
+        left.append((float(np.mean(after**2)), name, own.values[name], own.seconds))
+    if not left:
+        return ""
+    least, name, value, seconds = min(left)
+    if least > DECISION.near and least - 1 > (chi2 - 1) / 2:
+        return ""
+    usual = values.get(name, problem.runs[0].assembly.parameter_values[name])
+    others = [other for cost, other, _, _ in sorted(left)[1:] if fallen(cost, least, samples) < EARNED]
+    unit = next(q.unit.text for q in problem.runs[0].assembly.flat.parameters if q.name == name)
+    same = f" The records do not distinguish it from a difference of {listing(others, 3)}." if others else ""
+    fitted = listing([r.record.name for r in problem.runs], 3)
+    return (f"{name} is {number(value / usual, 3)} times as large in record {record.name} as in {fitted} "
+            f"({readable(value, unit, 3)} and {readable(usual, unit, 3)}; fitted to the first {number(seconds, 2)} s of "
+            f"{record.name}). With it the reduced chi-square of {record.name} falls from {number(chi2, 3)} to "
+            f"{number(least, 3)}. To fit a value for each record, write `{name}: {{range: ..., each: record}}` under "
+            f"`free:`.{same}")

@@ -1,0 +1,107 @@
+"""Diagnosis of parameters that vary, of parameters that differ between records, and of effects that begin at a time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import heavebond as hb
+from heavebond.diagnosis.diagnose import diagnose
+
+DIAGRAM = """model: small
+components:
+  shaker: {is: PositionSource, u: "=MOTION"}
+  spring: {is: Spring, c: 4 kN/m}
+  damper: {is: Damper, d: 60 N*s/m}
+  mass:   {is: Mass, m: 10 kg}PARTS
+nodes:
+  base: [shaker.a, spring.a, damper.a]
+  mass: [spring.b, damper.b, mass.aEND]NODES
+initial: {mass.x: 0 m, mass.v: 0 m/s}
+show: {x: {is: mass.x, unit: m}, u: {is: base.x, unit: m}}
+simulate: {until: 20 s, every: 50 ms}
+"""
+MOTIONS = ("20 mm*sin(3*time/(1 s)) + 15 mm*sin(7.1*time/(1 s))", "25 mm*sin(4*time/(1 s)) + 9 mm*sin(11*time/(1 s))")
+EXPERIMENT = """experiment: small
+model: small.yaml
+records:
+  a: {file: a.csv, use: fit}
+  b: {file: b.csv, use: USE}
+time: {column: t, unit: s}
+inputs:
+  shaker.u: {column: u, unit: m, interpolation: spline}
+outputs:
+  x: {is: mass.x, column: x, unit: m, noise: 0.2 mm}
+free:
+  spring.c: 4 kN/m +- 20 %
+  damper.d: 60 N*s/m +- 30 %
+"""
+
+
+def diagram(motion: str = "0 m*time/(1 s)", parts: str = "", end: str = "", nodes: str = "") -> str:
+    return DIAGRAM.replace("MOTION", motion).replace("PARTS", parts).replace("END", end).replace("NODES", nodes)
+
+
+def records(folder: Path, more: tuple[str, str], use: str = "validate", **changed: str) -> Path:
+    """The experiment on two simulated records of the diagram with `more` in it."""
+    random = np.random.default_rng(3)
+    for name, motion, line in zip("ab", MOTIONS, more, strict=True):
+        result = hb.simulate(hb.loads(diagram(motion, **changed) + line))
+        x = np.asarray(result["x"]) + random.normal(0, 2e-4, len(result.time))
+        rows = np.column_stack([np.asarray(result.time), np.asarray(result["u"]), x])
+        np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header="t,u,x", comments="", fmt="%.9g")
+    (folder / "small.yaml").write_text(diagram())
+    path = folder / "experiment.yaml"
+    path.write_text(EXPERIMENT.replace("USE", use))
+    return path
+
+
+def found(path: Path, *classes: str) -> hb.Diagnosis:
+    return diagnose(path, classes=classes or ("varying parameter",), number=1, seconds=1e4)
+
+
+def test_a_damper_that_is_weaker_in_compression_is_named_with_the_ratio_of_its_two_values(tmp_path):
+    line = 'vary: {damper.d: "=1 + 0.4*smooth_sign(damper.v, 1 mm/s)"}\n'
+    diagnosis = found(records(tmp_path, (line, line)))
+    assert diagnosis.verdict == "effect"
+    assert diagnosis.findings[0].candidate.place == "of damper.d with damper.v"
+    # the interval of k in this fit is +- 0.03
+    assert diagnosis.findings[0].parameters[0].value == pytest.approx(0.4, abs=0.06)
+    assert any("times as large at positive damper.v as at negative damper.v" in word for word in diagnosis.words)
+
+
+@pytest.mark.long
+def test_a_spring_that_breaks_is_named_with_the_time(tmp_path):
+    line = 'vary: {spring.c: "=1 - 0.2*(1 + tanh((time - 12.3 s)/(0.05 s)))/2"}\n'
+    diagnosis = found(records(tmp_path, (line, line)))
+    values = {p.name.rpartition(".")[2]: p.value for p in diagnosis.findings[0].parameters}
+    assert diagnosis.findings[0].candidate.place == "of spring.c with time"
+    # the step is sought with a width of 0.2 s
+    assert values["t_0"] == pytest.approx(12.3, abs=0.2) and values["k"] == pytest.approx(-0.2, abs=0.01)
+
+
+@pytest.mark.long
+def test_a_damping_that_differs_between_two_fitted_records_is_named_and_written(tmp_path):
+    diagnosis = found(records(tmp_path, ("", "set: {damper.d: 96 N*s/m}\n"), "fit"))
+    assert diagnosis.findings[0].candidate.change.each.keys() == {"damper.d"}
+    assert any("1.6 times as large in record b as in record a" in word for word in diagnosis.words)
+
+
+def test_a_damping_that_is_larger_in_the_held_out_record_is_stated(tmp_path):
+    diagnosis = found(records(tmp_path, ("", "set: {damper.d: 96 N*s/m}\n")))
+    said = next(word for word in diagnosis.words if word.startswith("damper.d is"))
+    # fitted to the first 2 s of the record
+    assert float(said.split()[2]) == pytest.approx(1.6, abs=0.08)
+
+
+@pytest.mark.long
+def test_friction_that_begins_at_a_time_is_named_with_the_time(tmp_path):
+    line = 'vary: {rub.F_c: "=(1 + tanh((time - 9.2 s)/(0.05 s)))/2"}\n'
+    path = records(tmp_path, (line, line), parts="\n  rub: {is: CoulombFriction, F_c: 6 N}\n  ground: {is: Fixed}",
+                   end=", rub.a", nodes="\n  g: [rub.b, ground.a]")
+    diagnosis = found(path, "dry friction")
+    assert diagnosis.findings[0].candidate.place == "between mass and the surroundings from a time on"
+    onset = next(p for p in diagnosis.findings[0].parameters if p.name.endswith(".t_0"))
+    assert onset.value == pytest.approx(9.2, abs=0.1)
