@@ -667,7 +667,8 @@ simulate: {until: 1 s}
 
 
 # -- what a finding is called ------------------------------------------------------------------------------------------
-KINDS = {"dry friction", "pressure-dependent friction", "viscous damping", "quadratic damping", "hysteresis", "stiffness",
+KINDS = {"varying parameter",
+         "dry friction", "pressure-dependent friction", "viscous damping", "quadratic damping", "hysteresis", "stiffness",
          "nonlinear stiffness", "backlash", "slack", "end stop", "constant force", "series compliance", "slip", "added mass",
          "leakage", "internal leakage", "orifice law", "line resistance", "line inertance", "hose compliance",
          "entrained air", "cavitation", "supply droop", "relief valve", "tank overflow", "valve overlap", "choked flow",

@@ -187,6 +187,8 @@ def may_contain(one: Component, other: Component) -> bool:
         return False
     if one.effect is not None and one.effect.kind == "unknown law":
         return False
+    if any(effect.attaches == ("parameter",) for component in (one, other) for effect in component.effects):
+        return False  # a factor of a parameter is no law
     there = {(name.partition("_")[0], p.unit.dimension) for name, p in one.parameters.items()}
     return (connected(one) == connected(other) and used_ports(other) <= used_ports(one) and states(one) >= states(other)
             and powers(other) <= powers(one) and len(one.parameters) >= len(other.parameters)

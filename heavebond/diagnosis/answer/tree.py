@@ -6,8 +6,8 @@ Where the localisation finds an unknown input, the probability of such a law goe
 the kind of variable that the input follows; otherwise to places and kinds in proportion to those of the effects of the
 catalogue. The answer states the deepest level with a probability of at least `STATED`.
 
-Of several effects each has a tree of its own, from the step that added it, given the effects before it. Its share is the
-part of the misfit (chi-square above the noise) that it takes away after them. A search that was ended early has the same
+Of several effects each has a tree of its own, from the step that added it, or sought it again, given the others. Its share
+is the part of the misfit (chi-square above the noise) before it that it takes away. A search that was ended early has the same
 tree: the share of its candidates that it did not reach goes from the effects to "another", and the answer says "so far".
 """
 
@@ -126,8 +126,9 @@ class Tree:
             return ("So far no level of the answer is known: no candidate was scored.",)
         lines = []
         if len(self.effects) > 1 or self.further:
-            parts = [f"{e.name} ({percent(e.share)} of the misfit)" for e in self.effects]
-            unsure = [f"{e.name} ({percent(e.share)})" for e in self.further]
+            parts = [f"{e.name} ({percent(e.share)} of the {'remaining ' if k else ''}misfit)"
+                     for k, e in enumerate(self.effects)]
+            unsure = [f"{e.name} ({percent(e.share)} of the remaining misfit)" for e in self.further]
             lines.append(f"Missing: {listing(parts, len(parts))}" + (
                 f"; not certain: {listing(unsure, len(unsure))}." if unsure else "."))
         lines += [line for e in self.effects for line in (e.statement, e.meaning) if line]
@@ -160,7 +161,7 @@ def answer_tree(steps: Sequence[Stage], known: Evidence | None, findings: Sequen
         return Tree((), True)
     first = held_out_or_fitted(without_effects(ladder, findings)) if ladder else math.nan
     levels = [first, *(held_out_or_fitted(f.rung) for f in (*findings, *doubtful))]
-    shares = [gone(first, after) - gone(first, before) for before, after in pairwise(levels)]
+    shares = [gone(before, after) for before, after in pairwise(levels)]
     found = []
     for k, step in enumerate(steps[:max(1, len(findings))]):
         finding = findings[k] if k < len(findings) else None
@@ -262,7 +263,7 @@ def kind_words(kind: str, domain: Domain | None, pair: bool) -> str:
         return f"exerts a {acts} that depends on the displacement" if domain is not None and domain.position else \
             "depends on the displacement"
     return {"acceleration": "adds inertia", "storage": "stores " + ("heat" if heat else "fluid" if fluid else "energy"),
-            "source": f"exerts a constant {acts or 'action'}", "transport": "delays, limits or distorts a signal",
+            "source": f"exerts a constant {acts or 'action'}", "transport": "delays or distorts a signal",
             "variation": "has a parameter that varies", "measurement": "shifts or scales a signal"}.get(kind, "acts")
 
 

@@ -180,7 +180,8 @@ def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float =
     alike = list(families.values())
     best = [min(family, key=loss) for family in alike]
     later = [step.chosen for step in steps[1:] if step.chosen is not None and step.chosen.errors is not None]
-    left = max(1.0, min(map(loss, [*best, *later]), default=1.0))
+    # the residual of a search that was ended early says nothing about laws outside: further effects were not sought
+    left = 1.0 if any(step.partial for step in steps) else max(1.0, min(map(loss, [*best, *later]), default=1.0))
     return Evidence(*_weighted(alike, _to_simpler(alike, best, law_weights(best), made), made), left,
                     factor_bound(_p_value(made.left)), factor_bound(sheet), *_flexible(adequacy), _untried(made))
 
