@@ -6,9 +6,10 @@ Where the localisation finds an unknown input, the probability of such a law goe
 the kind of variable that the input follows; otherwise to places and kinds in proportion to those of the effects of the
 catalogue. The answer states the deepest level with a probability of at least `STATED`.
 
-Of several effects each has a tree of its own, from the step that added it, or sought it again, given the others. Its share
-is the part of the misfit (chi-square above the noise) before it that it takes away. A search that was ended early has the same
-tree: the share of its candidates that it did not reach goes from the effects to "another", and the answer says "so far".
+Of several effects each has a tree of its own, from the step that added it, or sought it again, given the others. Its
+share is the part of the misfit (chi-square above the noise) before it that it takes away. A search that was ended early
+has the same tree: the share of its candidates that it did not reach goes from the effects to "another", and the answer
+says "so far".
 """
 
 from __future__ import annotations

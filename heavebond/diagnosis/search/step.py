@@ -44,7 +44,7 @@ from heavebond.diagnosis.search.base_model import TIMES, Base, finer, searched
 from heavebond.diagnosis.search.onset import onsets
 from heavebond.diagnosis.search.prescore import select
 from heavebond.diagnosis.search.refit import Refit, bic, refitted_from
-from heavebond.diagnosis.search.schedule import RefitSchedule, beyond_their_members, planned
+from heavebond.diagnosis.search.schedule import RefitSchedule, beyond_their_members, planned, unexplained
 from heavebond.diagnosis.search.scoring import Score
 from heavebond.diagnosis.search.workers import Workers
 from heavebond.equations.places import nodes_of
@@ -216,15 +216,20 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             known = {s.candidate.label for s in scores}
             scores = beyond_their_members(scores)
             left = leftover(base, scores, prescored.scores)
-            if left.significant and varying is not None:
-                found, more, weak = _with_variations(base, found, scores, varying, workers, say)
-                scores, excluded = [*scores, *more], excluded | weak
-                known |= {s.candidate.label for s in more}
             if left.significant or always:
+                until = clock.perf_counter() + seconds
                 acts_as = {} if beside is not None or most is not None else equivalent_values(base, scores)
                 leading, rest, twins = planned(scores, as_one)
                 leading = leading[:most]
-                partial = not refits.make(leading, rest if thorough else [], clock.perf_counter() + seconds)
+                partial = not refits.make(leading, rest if thorough else [], until)
+                if varying is not None and not partial and unexplained(refits.trials.values()):
+                    more, of_variations, weak = _variations(base, scores, varying, workers, say)
+                    found, scores, excluded = [*found, *more], [*scores, *of_variations], excluded | weak
+                    known |= {s.candidate.label for s in of_variations}
+                    jobs, _, twins = planned(scores, as_one)
+                    leading_variations = [job for job in jobs if job[0].label in {c.label for c in more}]
+                    partial = not refits.make(leading_variations, [], until)
+                    leading = [*leading, *leading_variations]
                 say("comparing the best closely")
                 refits.trials |= _polished(workers, list(refits.trials.values()), {c.label: g for c, g in (*leading, *rest)},
                                            CLOSELY if most is None else 1)
@@ -246,10 +251,11 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
                    excluded=tuple(excluded.items()))
 
 
-def _with_variations(base: Base, found: Sequence[Candidate], before: Sequence[Score], chosen: Callable[[Candidate], bool],
-                     workers: Workers, say: Progress) -> tuple[list[Candidate], list[Score], dict[str, str]]:
-    """The candidates, whose scores are known `before`, with variations of parameters and with leading effects that begin
-    at a time; the scores of these; and the variations that are not tried, each with the reason."""
+def _variations(base: Base, before: Sequence[Score], chosen: Callable[[Candidate], bool], workers: Workers, say: Progress
+                ) -> tuple[list[Candidate], list[Score], dict[str, str]]:
+    """Variations of parameters, and effects that lead the scores `before` with a time at which they begin; the scores of
+    these candidates; and the variations that are not tried, each with the reason. They are tried if no other candidate
+    comes near the noise."""
     say("looking for parameters that may vary")
     varying = varying_parameters(base.problem, base.inner)
     added = [c for c in varying.candidates if chosen(c)]
@@ -265,7 +271,7 @@ def _with_variations(base: Base, found: Sequence[Candidate], before: Sequence[Sc
 
     of_variations = scored(added)
     beginning = onsets(base, [*before, *of_variations])
-    return [*found, *added, *beginning], [*of_variations, *scored(beginning)], left_out
+    return [*added, *beginning], [*of_variations, *scored(beginning)], left_out
 
 
 def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]], most: int
