@@ -119,11 +119,13 @@ def digest(base: str, what: str, candidate: Candidate, component: Path | None, k
 
 
 def _plain(known: object) -> object:
-    """What a refit or a score says of itself, as its digits."""
+    """A refit by its digits; a score by six, as it is computed again when a search is resumed, and the number of processes
+    and the order of their work change its last digits."""
     if isinstance(known, Refit):
         return known.candidate.label, known.cost, known.inner.tolist(), [d.x.tolist() for d in known.begun]
     if isinstance(known, Score):
-        return known.z, known.amplitude, dict(known.shapes), known.along, known.side
+        shapes = {name: f"{value:.6g}" for name, value in known.shapes.items()}
+        return f"{known.z:.6g} {known.amplitude:.6g}", shapes, known.along, known.side
     if isinstance(known, Sequence) and not isinstance(known, str):
         return [_plain(one) for one in known]
     return known
