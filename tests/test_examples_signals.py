@@ -131,6 +131,11 @@ CASES = [
     Case("state_space22", "part.y_1", lambda t: 2*(1 - np.exp(-t)), "partial fractions"),
     Case("state_space22", "part.y_2", lambda t: 2.5 - 2*np.exp(-t) - 0.5*np.exp(-2*t), "partial fractions"),
     Case("saturation", "part.y", lambda t: np.clip(u(t), -1, 1.5), LAW),
+    Case("linear_variation", "part.factor", lambda t: 1 + 0.4*np.clip(u(t), -1, 1), LAW),
+    Case("bent_variation", "part.factor", lambda t: 1 + np.where(u(t) > 0, 0.5, -0.1)*u(t), LAW),
+    Case("step_variation", "part.factor", lambda t: 1 - 0.1*(1 + np.tanh((t - 0.5)/0.01)), LAW),
+    Case("onset", "part.factor", lambda t: (1 + np.tanh((t - 0.5)/0.01))/2, LAW),
+    Case("variation_by_direction", "part.factor", lambda t: 1 + 0.3*np.tanh(u(t)/0.04), LAW),
     Case("dead_band", "part.y", lambda t: u(t) - np.clip(u(t), -0.5, 0.5), LAW),
     Case("rate_limit", "part.y", lambda t: 3*t, "the limit; 1e-5 for what the smoothing takes near the end", 1e-5),
     # sin reaches 1/2 at 1/12 s, and falls through -1/4 after half a period

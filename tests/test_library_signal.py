@@ -100,6 +100,7 @@ U, W = np.array([-3.0, -0.5, 0.0, 0.2, 4.0]), np.array([2.0, -0.5, 1.0, 0.1, -7.
 TIME = np.linspace(-0.0, 5.0, 101)
 ACROSS, ALONG = np.repeat([-1.0, 0.0, 0.3, 1.0, 2.2, 9.0], 4), np.tile([-2.0, -0.7, 0.4, 3.0], 6)
 HEIGHTS = [5.0, -2.0, 3.0, 0.5, 0.0, -1.0, 4.0, 2.0, -6.0]
+FACTORS = ("LinearVariation", "BentVariation", "StepVariation", "Onset", "VariationByDirection")
 STATIC: list[tuple[str, dict[str, object], dict[str, object], object]] = [
     ("Absolute", {"u": "0 V"}, {"u": U}, np.where(U < 0, -U, U)),
     ("And", {}, {"u_1": [0, 0, 1, 1], "u_2": [0, 1, 0, 1]}, [0, 0, 0, 1]),
@@ -114,6 +115,12 @@ STATIC: list[tuple[str, dict[str, object], dict[str, object], object]] = [
     ("Minimum", {"u_1": "0 V", "u_2": "0 V"}, {"u_1": U, "u_2": W}, np.where(U < W, U, W)),
     ("Gain", {"u": "0 V", "k": "4 N/V"}, {"u": U}, 4*U),
     ("SensorGain", {"u": "0 V", "e": -0.02}, {"u": U}, 0.98*U),
+    ("LinearVariation", {"u": "0 V", "k": 0.4, "u_0": "1 V", "u_m": "2 V"}, {"u": U}, 1 + 0.4*np.clip((U - 1)/2, -1, 1)),
+    ("BentVariation", {"u": "0 V", "k_a": 0.4, "k_b": -0.2, "u_0": "0 V", "u_m": "5 V"}, {"u": U},
+     1 + np.where(U > 0, -0.04, -0.08)*U),
+    ("StepVariation", {"u": "0 V", "k": 0.5, "t_0": "1 V", "u_m": "5 V"}, {"u": U}, 1 + 0.25*(1 + np.tanh((U - 1)/0.1))),
+    ("Onset", {"u": "0 V", "t_0": "1 V", "u_m": "5 V"}, {"u": U}, (1 + np.tanh((U - 1)/0.1))/2),
+    ("VariationByDirection", {"u": "0 V", "k": 0.3, "u_m": "5 V"}, {"u": U}, 1 + 0.3*np.tanh(U/0.1)),
     ("SensorOffset", {"u": "0 V", "offset": "0.3 V"}, {"u": U}, U + 0.3),
     ("SensorDrift", {"u": "0 V", "r": "0.3 V/s"}, {"u": 2.0, "time": TIME}, 2 + 0.3*TIME),
     ("SidedGain", {"u": "0 V", "e": 0.1}, {"u": U}, np.where(U > 0, U, 1.1*U)),
@@ -142,7 +149,8 @@ for _name, *_ in STATIC:
 def test_block_without_memory(component: str, parameters: dict[str, object], given: dict[str, ArrayLike],
                               expected: ArrayLike) -> None:
     found = part(component, **parameters)(given)
-    agree(found["z" if component == "RegularSea" else "u" if component == "HeaveController" else "y"], expected, size=1.0)
+    names = {"RegularSea": "z", "HeaveController": "u", **dict.fromkeys(FACTORS, "factor")}
+    agree(found[names.get(component, "y")], expected, size=1.0)
 
 
 # -- motions and signals over time --------------------------------------------------------------------------------------

@@ -116,7 +116,7 @@ def test_a_diagnosis_shows_its_verdict_and_its_ladder() -> None:
     experiment = hb.load_experiment("passive_rig/friction")
     ladder = (ladder_entry("as drawn", hb.compare(experiment)),)
     words = ("nothing <b>is</b> missing",)
-    found = Diagnosis(experiment, "noise", words, ladder, (), (), None, None, {}, 1.0, None, experiment)
+    found = Diagnosis(experiment, "noise", words, ladder, (), (), (), None, None, {}, 1.0, None, experiment)
     html = found._repr_html_()
     assert not pictures(html) and "nothing &lt;b&gt;is&lt;/b&gt; missing" in html and "as drawn" in html
 

@@ -320,7 +320,7 @@ def test_a_limit_that_the_motion_does_not_reach_is_looked_for_where_a_refit_seek
         monkeypatch: pytest.MonkeyPatch, motion: tuple[float, float], found: tuple[float, float] | None) -> None:
     """A limit that is not negative, of a motion above and below zero: half of the span beyond it belongs to the search."""
     number = SimpleNamespace(name="limit.x", sought=SimpleNamespace(range=None), low=0.0, high=None)
-    candidate: Any = SimpleNamespace(numbers=(number,), vanishes=True, orders=())
+    candidate: Any = SimpleNamespace(numbers=(number,), vanishes=True, orders=(), attaches="across")
     monkeypatch.setattr(scoring, "motion_ranges", lambda *others: {"limit.x": motion})
     unused: Any = None
     points = scoring.shape_points(candidate, (), unused)

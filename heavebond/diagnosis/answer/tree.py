@@ -50,6 +50,7 @@ LEVELS = ("answer", "system", "place", "kind", "class", "law")
 STATED = 0.5  # probability from which on a level is stated: then no other branch is as probable
 LISTED = 0.01  # probability from which on a branch is listed
 SHOWN = 0.05  # probability from which on a branch is shown in tables
+DIGITS = 9  # of probabilities in files: the order of sums changes the last ones
 LAWS = 3  # laws at most that are named together
 COMPARABLE = 0.5  # share of the probability of the best law from which on another one is named beside it
 ONE_CLASS = 0.9  # share of the effects of one kind at one place from which on their class is that of an unknown law too
@@ -73,7 +74,7 @@ class Node:
 
     def as_dict(self) -> dict[str, object]:
         """The branch and all below it, for machines."""
-        return {"level": self.level, "branch": self.name, "probability": self.probability,
+        return {"level": self.level, "branch": self.name, "probability": round(self.probability, DIGITS),
                 "branches": [child.as_dict() for child in self.children]}
 
 
@@ -94,7 +95,8 @@ class EffectTree:
         """The statement, the path and the whole tree, for machines."""
         return {"statement": self.statement, "meaning": self.meaning,
                 "share": None if math.isnan(self.share) else self.share,
-                "stated": [{"level": n.level, "branch": n.name, "probability": n.probability} for n in self.path],
+                "stated": [{"level": n.level, "branch": n.name, "probability": round(n.probability, DIGITS)}
+                           for n in self.path],
                 "branches": [child.as_dict() for child in self.root.children]}
 
 
