@@ -113,7 +113,7 @@ def test_files_are_written_and_the_exit_code_is_0_when_the_time_is_over(rig: Exp
 
 @pytest.mark.long
 def test_the_answer_has_the_same_form_in_whatever_phase_the_time_ends() -> None:
-    results = ended.run("receiver", 1)
+    results = ended.run("receiver", 1, ("simulate_records", "confirm"))
     assert len({result.phase for result in results}) == len(phases.PHASES)
     assert [result for result in results if result.faults] == []
     # once a candidate is refitted there is a conclusion

@@ -16,7 +16,7 @@ BEDS = {**several.BEDS, **beyond.BEDS}
 QUICK = {"feed_line", "vessels", "board", "clamp"}  # one process takes about a second for each; the others up to four
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.long]) for n in BEDS])
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.slow]) for n in BEDS])
 def test_the_declared_effects_of_a_bed_show_in_its_records(name: str, tmp_path: Path) -> None:
     bed = BEDS[name]
     misfit, shares = misfits(bed)

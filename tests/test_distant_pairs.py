@@ -177,7 +177,7 @@ def test_the_largest_of_the_prescored_is_no_more_than_chance_in_noise(tmp_path: 
     assert np.sum(np.array(uncounted) < 0.05) > 20  # the largest of several is no score like any other
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_noise_alone_gives_no_effect_between_distant_nodes(tmp_path: Path) -> None:
     """Records of the model itself with white noise: at 2 % for all tests of the residual together, three of twenty or more
     would come by chance in less than one of a hundred tries."""

@@ -96,7 +96,7 @@ def test_a_damping_that_is_larger_in_the_held_out_record_is_stated(tmp_path):
     assert float(said.split()[2]) == pytest.approx(1.6, abs=0.08)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_friction_that_begins_at_a_time_is_named_with_the_time(tmp_path):
     line = 'vary: {rub.F_c: "=(1 + tanh((time - 9.2 s)/(0.05 s)))/2"}\n'
     path = records(tmp_path, (line, line), parts="\n  rub: {is: CoulombFriction, F_c: 6 N}\n  ground: {is: Fixed}",

@@ -15,7 +15,7 @@ import sys
 import tempfile
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import inf
@@ -127,8 +127,8 @@ def signalled(experiment: str, classes: Sequence[str], moment: int, folder: Path
     return answer.exit_code, any(folder.glob("*_report*.html"))
 
 
-def run(machine: str, per_phase: int) -> list[Ended]:
-    """Diagnoses ended at random moments of each phase; each also by the command."""
+def run(machine: str, per_phase: int, commands: Collection[str] | None = None) -> list[Ended]:
+    """Diagnoses ended at random moments of each phase; the last of each phase (of the phases `commands`) also by the command."""
     experiment, classes = MACHINES[machine]
     times, _ = phase_times(experiment, classes)
     draws = random.Random(0)
@@ -138,6 +138,8 @@ def run(machine: str, per_phase: int) -> list[Ended]:
             moment = draws.randint(first + 1, max(first + 1, last))
             results.append(ended(experiment, classes, phase, moment))
             print(machine, phase, moment, results[-1].answer and results[-1].answer.verdict, *results[-1].faults, flush=True)
+        if commands is not None and phase not in commands:
+            continue
         with tempfile.TemporaryDirectory() as folder:
             code, written = signalled(experiment, classes, moment, Path(folder))
             if code or not written:
