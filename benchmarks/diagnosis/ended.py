@@ -128,7 +128,7 @@ def signalled(experiment: str, classes: Sequence[str], moment: int, folder: Path
 
 
 def run(machine: str, per_phase: int, commands: Collection[str] | None = None) -> list[Ended]:
-    """Diagnoses ended at random moments of each phase; the last of each phase (of the phases `commands`) also by the command."""
+    """Diagnoses ended at random moments of each phase; the last of each phase (in `commands`) also by the command."""
     experiment, classes = MACHINES[machine]
     times, _ = phase_times(experiment, classes)
     draws = random.Random(0)
