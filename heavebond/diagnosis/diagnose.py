@@ -159,8 +159,8 @@ class Diagnosis:
             "verdict": self.verdict, "tree": self.tree.as_dict(), "words": list(self.words),
             "probabilities": [e.as_dict() for e in self.events],
             "partial": self.partial, "not_tried": list(self.untried),
-            "left_out": [[{"candidate": label, "reason": reason}
-                          for label, reason in (*stage.excluded, *stage.left_out.items())] for stage in self.steps],
+            "left_out": [[{"candidate": label, "reason": reason} for label, reason in stage.excluded.items()]
+                         for stage in self.steps],
             "lost": sorted({label for stage in self.steps for label in stage.lost}),
             "steps": [f.as_dict() for f in self.findings], "uncertain": [f.as_dict() for f in self.doubtful],
             "shape": self.shape and self.shape.as_dict(), "ladder": [r.as_dict() for r in self.ladder],

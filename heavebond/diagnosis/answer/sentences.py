@@ -453,7 +453,7 @@ def left_out_words(steps: Sequence[Stage]) -> list[str]:
     if not steps:
         return []
     reasons: dict[str, list[str]] = {}
-    for label, reason in (*steps[0].excluded, *steps[0].left_out.items()):
+    for label, reason in steps[0].excluded.items():
         reasons.setdefault(reason, []).append(label)
     parts = [f"{labels[0]}{f' and {len(labels) - 1} more' if len(labels) > 1 else ''} ({reason})"
              for reason, labels in sorted(reasons.items(), key=lambda pair: -len(pair[1]))]

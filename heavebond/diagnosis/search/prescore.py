@@ -38,6 +38,7 @@ from heavebond.core.errors import HeavebondError
 from heavebond.core.units import Dimension
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber
 from heavebond.diagnosis.search.base_model import Base
+from heavebond.diagnosis.search.schedule import PROMISING
 from heavebond.diagnosis.search.scoring import SAME, may_be_below_neutral, points_within
 from heavebond.equations.buffered import Buffered
 from heavebond.equations.places import sources_of
@@ -51,7 +52,6 @@ from heavebond.text.expression import Expr, ExpressionProblem, Name
 
 SKETCH, RAW = 128, 8  # random vectors for |s_o|, and for |s|, of which only the order of magnitude is needed
 EXACT = 200  # candidates at distant nodes that get an exact score, at most; one takes about as long as a run of the records
-PROMISING = 0.1  # as in `search.schedule`: what promises less is not refitted among the first
 VISIBLE = 4.0  # the smallest gain, that of two standard deviations: what promises less is no evidence
 RIGID = "its nodes move as one"
 SAME_MACHINE = "the same law at nodes that move with these is a candidate"

@@ -75,9 +75,8 @@ class Stage:
     any candidate, `identity` the comparison of the candidates with the chosen one. `planned` is the number of candidates
     that were to be scored, `as_one` are the nodes that move as one in the base model, each with the first of them; `failed`
     are the labels of candidates that were scored, but with which no refit could be simulated. `prescored` is the number of
-    candidates between nodes that no component joins, `left_out` are the labels of those of them that got no exact score,
-    each with the reason (see `search.prescore`); `excluded` are effects that were not tried, or not kept, each with the
-    reason."""
+    candidates between nodes that no component joins; `excluded` are the labels of effects that were not tried, got no exact
+    score (see `search.prescore`) or were not kept, each with the reason."""
 
     experiment: Experiment
     values: dict[str, float]
@@ -105,8 +104,7 @@ class Stage:
     as_one: Mapping[str, str] = field(default_factory=dict)
     failed: tuple[str, ...] = ()
     prescored: int = 0
-    left_out: Mapping[str, str] = field(default_factory=dict)
-    excluded: tuple[tuple[str, str], ...] = ()
+    excluded: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def bic(self) -> float:
@@ -139,7 +137,7 @@ def make_stage(experiment: Experiment, *, number: int | None = None, seconds: fl
     distant = [c for c in between_all_nodes(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
     made = _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough, distant=distant,
                  varying=lambda c: not classes or c.kind in classes)
-    return replace(made, excluded=(*excluded.items(), *made.excluded))
+    return replace(made, excluded={**excluded, **made.excluded})
 
 
 def make_curve_stage(experiment: Experiment, *, beside: Sequence[Candidate] = (),
@@ -247,8 +245,8 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     made = _judged(base, errors, left, scores, trials, twins, partial, clock.perf_counter() - began, as_one)
     broken = tuple(c.label for c in found if c.label not in known and c.label not in workers.lost) if scored_all else ()
     return replace(made, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as, planned=len(found), broken=broken,
-                   failed=tuple(refits.failed), prescored=len(distant), left_out=prescored.left_out,
-                   excluded=tuple(excluded.items()))
+                   failed=tuple(refits.failed), prescored=len(distant),
+                   excluded={**excluded, **prescored.left_out})
 
 
 def _variations(base: Base, before: Sequence[Score], chosen: Callable[[Candidate], bool], workers: Workers, say: Progress
