@@ -3,7 +3,8 @@
 `diagnose` runs the phases of `diagnosis.phases` one after the other, each from the state that the one before left, and
 makes the answer from the last state. An effect is named only if the residual with it is near the noise, or if it explains
 nearly all of the misfit; otherwise the answer is a shape: a place and a curve. If the records cannot distinguish
-candidates, all are named. """
+candidates, all are named.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from heavebond.core.progress import Progress
 from heavebond.core.quantities import si_value
 from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
-from heavebond.diagnosis.answer.confirm import at_fit, loaded
+from heavebond.diagnosis.answer.confirm import loaded
 from heavebond.diagnosis.answer.ranking import as_dicts, entries
 from heavebond.diagnosis.answer.sentences import (
     CURVES,
@@ -44,7 +45,6 @@ from heavebond.diagnosis.answer.sentences import (
 from heavebond.diagnosis.answer.tree import Tree, answer_tree
 from heavebond.diagnosis.answer.variations import variation_words
 from heavebond.diagnosis.answer.verdict import sheet_p_value
-from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.evidence.flexible_laws import Adequacy, Remainder
 from heavebond.diagnosis.evidence.probability import (
     Event,
@@ -53,7 +53,6 @@ from heavebond.diagnosis.evidence.probability import (
     probabilities,
     stated,
 )
-from heavebond.diagnosis.evidence.record_differences import record_differences
 from heavebond.diagnosis.phases import CLOSING, FIRST, PHASES, State, Task, kept_time
 from heavebond.diagnosis.search.record_starts import own_start_words
 from heavebond.diagnosis.search.step import SECONDS, Stage
@@ -197,15 +196,7 @@ def diagnose(experiment: ExperimentOrFile, *, steps: int = MOST, number: int | N
         task = Task(budget, steps, number, classes, samples, progress or (lambda text: None),
                     growing or (lambda models: None))
         answer = _answer(_run_phases(State(given, given), task), task)
-        differing = record_differences(at_fit(given, answer.fitted)) if _is_held_out_misfit(answer) else []
-        return replace(answer, words=(*answer.words, *differing, *smoothed))
-
-
-def _is_held_out_misfit(answer: Diagnosis) -> bool:
-    """Whether the fitted records leave noise and the held-out ones more."""
-    last = answer.ladder[-1] if answer.ladder else None
-    return last is not None and not answer.findings and not answer.partial and bool(answer.steps) \
-        and not answer.steps[0].left.significant and last.chi2_held_out > DECISION.near
+        return replace(answer, words=(*answer.words, *smoothed))
 
 
 def _run_phases(state: State, task: Task) -> State:
@@ -248,7 +239,8 @@ def _answer(state: State, task: Task) -> Diagnosis:
              *own_start_words(state.given, state.base, state.added[-1].fit if state.added else state.base),
              *wrong_starts(said, models[-1].comparison), *so_far(steps, state.untried),
              *left_out_words(steps), *search_limits(task.classes, cut(state.searched, state.experiment),
-                            state.confirming is not None and state.confirming.shorter))
+                            state.confirming is not None and state.confirming.shorter),
+             *state.differences)
     answer = Diagnosis(state.given, said, words, models, findings, state.doubtful, steps, state.shape, state.base, noise,
                        budget.spent, state.separation, state.searched, state.adequacy, state.untried, state.remainder,
                        evidence(steps, state.value_step, sheet_p_value(state.base), state.adequacy,

@@ -2,7 +2,8 @@
 
 A phase is a generator: it takes the state of the diagnosis and yields it again whenever it has improved. `diagnose` runs
 the phases in order and keeps the last state, so that a phase which is ended early (by Ctrl-C, a signal or the end of the
-time) loses nothing of what it had found. Phases that only work out the result (`CLOSING`) run in any case. """
+time) loses nothing of what it had found. Phases that only work out the result (`CLOSING`) run in any case.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +18,7 @@ from heavebond.diagnosis.answer.confirm import Confirming, at_fit, compared, fir
 from heavebond.diagnosis.answer.sentences import CALIBRATION, CURVES, FURTHER, VALUES, was_ended
 from heavebond.diagnosis.answer.verdict import is_adequate, near_noise, unexplained, verdict
 from heavebond.diagnosis.candidates.fixed_values import VALUE
+from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.evidence.flexible_laws import (
     Adequacy,
     Remainder,
@@ -26,6 +28,7 @@ from heavebond.diagnosis.evidence.flexible_laws import (
     judged,
     remainder,
 )
+from heavebond.diagnosis.evidence.record_differences import record_differences
 from heavebond.diagnosis.search.record_starts import own_starts, started_entry
 from heavebond.diagnosis.search.refit import Refit
 from heavebond.diagnosis.search.step import (
@@ -87,7 +90,8 @@ class State:
     reviews: for each step, the step in which its effect was sought again beside all others;
     confirming: the fits to all samples. values: fixed values that the records cannot distinguish from the findings;
     value_step: the step of all fixed values; shape: the identified curve in place of a name; adequacy, remainder: see
-    `evidence.flexible_laws`; localization: see `localise`. verdict, separation: see `Diagnosis`. untried: parts of the
+    `evidence.flexible_laws`; localization: see `localise`; differences: sentences on
+    parameters with another value in a held-out record. verdict, separation: see `Diagnosis`. untried: parts of the
     search that were not completed; ended: the phases that were ended early.
     """
 
@@ -112,6 +116,7 @@ class State:
     adequacy: Adequacy | None = None
     remainder: Remainder | None = None
     localization: Localization | None = None
+    differences: tuple[str, ...] = ()
     verdict: str = "undetermined"
     separation: Separation | None = None
     untried: tuple[str, ...] = ()
@@ -335,6 +340,13 @@ def localise_misfit(state: State, task: Task) -> Iterator[State]:
     yield replace(state, localization=located)
 
 
+def compare_held_out_records(state: State, task: Task) -> Iterator[State]:
+    """Parameters with another value in a held-out record, if the fitted records leave noise and the held-out ones more."""
+    if state.steps and not state.findings and not state.untried and not state.steps[0].left.significant \
+            and state.table[-1].chi2_held_out > DECISION.near:
+        yield replace(state, differences=tuple(record_differences(at_fit(state.given, state.base))))
+
+
 def decide(state: State, task: Task) -> Iterator[State]:
     """The verdict, and the experiment that would distinguish the alternatives."""
     if not state.steps:
@@ -354,7 +366,8 @@ def decide(state: State, task: Task) -> Iterator[State]:
 
 
 PHASES: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts, search, confirm, try_fixed_values,
-                             fit_flexible_laws, explain_remainder, localise_misfit, decide)
+                             fit_flexible_laws, explain_remainder, localise_misfit, compare_held_out_records,
+                             decide)
 CLOSING: tuple[Phase, ...] = (confirm, decide)
 FIRST: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts)
 
