@@ -105,21 +105,23 @@ Signature = tuple[object, ...]
 LAWS = ("across", "at", "in series", "in")  # ways to attach that are considered: not sensors, nor replacements
 
 
-def candidates(experiment: ExperimentOrFile, excluded: dict[str, str] | None = None) -> list[Candidate]:
+def candidates(experiment: ExperimentOrFile, excluded: dict[str, str] | None = None, site: Site | None = None
+               ) -> list[Candidate]:
     """All effects of the catalogue at all places of the diagram of an experiment.
 
     They stand in the order of the library, and after them each law at all like places together (`members` are the labels of
     its single candidates). `experiment` is one that was loaded, or its file or name; `excluded` collects the labels of
-    effects that are no candidates, and why. Raises ModelError for an invalid diagram or component, DataError for an
-    experiment that cannot be read.
+    effects that are no candidates, and why; `site` is its diagram, if that is known. Raises ModelError for an invalid
+    diagram or component, DataError for an experiment that cannot be read.
     """
-    site = site_of(load_experiment(experiment))
+    site = site or site_of(load_experiment(experiment))
     return _at_all_places(replace(site, excluded=excluded) if excluded is not None else site)
 
 
-def between_all_nodes(experiment: ExperimentOrFile) -> list[Candidate]:
-    """All effects that attach across two nodes, at all pairs of nodes of one domain that no component joins."""
-    return distant_candidates(site_of(load_experiment(experiment)))
+def between_all_nodes(experiment: ExperimentOrFile, site: Site | None = None) -> list[Candidate]:
+    """All effects that attach across two nodes, at all pairs of nodes of one domain that no component joins; `site` is the
+    diagram, where that is known."""
+    return distant_candidates(site or site_of(load_experiment(experiment)))
 
 
 def named_apart(experiment: Experiment, labels: Container[str] = frozenset()) -> list[Candidate]:

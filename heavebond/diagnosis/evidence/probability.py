@@ -264,8 +264,8 @@ def _class_of(candidate: Candidate, first: Candidate) -> str:
 
 def law_weights(trials: Sequence[Refit]) -> dict[float, Array]:
     """The weights (m,) of models at each of the temperatures."""
-    if not trials:
-        return {}
+    if len(trials) < 2:
+        return {t: np.ones(1) for t in TEMPERATURES} if trials else {}
     errors = [t.errors for t in trials if t.errors is not None]
     losses, counts, stretch = levelled(errors), errors[0].counts, errors[0].stretch
     found = {t: np.zeros(len(trials)) for t in TEMPERATURES}

@@ -16,7 +16,7 @@ import numpy as np
 from heavebond.core.cancellation import clear_signal
 from heavebond.core.errors import SimulationError
 from heavebond.core.progress import Progress
-from heavebond.diagnosis.candidates.catalogue import Candidate, at_values, single_candidates
+from heavebond.diagnosis.candidates.catalogue import Candidate, at_values, single_candidates, site_of
 from heavebond.diagnosis.candidates.fixed_values import fixed_values, is_calibration_error
 from heavebond.diagnosis.candidates.places import Places, between_all_nodes, candidates
 from heavebond.diagnosis.candidates.varying import varying_parameters
@@ -133,8 +133,9 @@ def make_stage(experiment: Experiment, *, number: int | None = None, seconds: fl
     """One rung of the ladder. `classes` narrows the catalogue to candidates of these classes. A `thorough` search refits all
     others too where none of those with the largest scores comes near the noise."""
     excluded: dict[str, str] = {}
-    found = [c for c in candidates(experiment, excluded) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
-    distant = [c for c in between_all_nodes(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
+    site = site_of(experiment)
+    found = [c for c in candidates(experiment, excluded, site) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
+    distant = [c for c in between_all_nodes(experiment, site) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
     made = _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough, distant=distant,
                  varying=lambda c: not classes or c.kind in classes)
     return replace(made, excluded={**excluded, **made.excluded})
@@ -146,10 +147,11 @@ def make_curve_stage(experiment: Experiment, *, beside: Sequence[Candidate] = ()
     """A step with identified curves only: effects without a name, at single places; at several places at once and between
     nodes that no component joins, only at the places of the effects `beside`. With `among`, the curves for which it holds
     are refitted whatever their scores are."""
-    places = {frozenset(c.where) for c in beside}
-    curves = [c for c in candidates(experiment) if c.kind == UNKNOWN and (not c.members or frozenset(c.where) in places)]
+    places, site = {frozenset(c.where) for c in beside}, site_of(experiment)
+    curves = [c for c in candidates(experiment, site=site)
+              if c.kind == UNKNOWN and (not c.members or frozenset(c.where) in places)]
     if places or among is not None:
-        curves += [c for c in between_all_nodes(experiment) if c.kind == UNKNOWN
+        curves += [c for c in between_all_nodes(experiment, site) if c.kind == UNKNOWN
                    and (among is not None or frozenset(c.where) in places)]
     if among is not None:
         curves = [c for c in curves if among(c)]
