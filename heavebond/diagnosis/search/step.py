@@ -184,7 +184,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
           always: bool = False, thorough: bool = False, beside: Refit | None = None, most: int | None = None,
           distant: Sequence[Candidate] = (), varying: Callable[[Candidate], bool] | None = None) -> Stage:
     """`distant` are candidates of which those get an exact score whose prescore promises it; `varying` chooses among the
-    variations of parameters, which are scored if more than noise is left."""
+    variations of parameters, which are scored if no other candidate comes near the noise."""
     began = clock.perf_counter()
     say("fitting what is free")
     base = fitted_base(experiment)
@@ -206,13 +206,8 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     with Workers(base, number) as workers:
         refits = RefitSchedule(workers, say, {beside.candidate.label: beside} if beside is not None else {})
         try:
-            for k, (candidate, got) in enumerate(workers.score(found), 1):
-                say(f"scoring {k} of {len(found)}: {candidate.label}")
-                scores += got
+            _score(workers, found, scores, say)
             scored_all = True
-            # in the order of the catalogue, whichever process was done first
-            place = {c.label: k for k, c in enumerate(found)}
-            scores.sort(key=lambda s: place[s.candidate.label])
             known = {s.candidate.label for s in scores}
             scores = beyond_their_members(scores)
             left = leftover(base, scores, prescored.scores)
@@ -262,16 +257,21 @@ def _variations(base: Base, before: Sequence[Score], chosen: Callable[[Candidate
     left_out = {f"variation of {name}" if not name.startswith("of ") else f"variation {name}": reason
                 for name, reason in varying.left_out.items()}
 
-    def scored(group: Sequence[Candidate]) -> list[Score]:
-        place, scores = {c.label: k for k, c in enumerate(group)}, list[Score]()
-        for k, (candidate, got) in enumerate(workers.score(group), 1):
-            say(f"scoring {k} of {len(group)}: {candidate.label}")
-            scores += got
-        return sorted(scores, key=lambda s: place[s.candidate.label])
-
-    of_variations = scored(added)
+    of_variations, of_onsets = list[Score](), list[Score]()
+    _score(workers, added, of_variations, say)
     beginning = onsets(base, [*before, *of_variations])
-    return [*added, *beginning], [*of_variations, *scored(beginning)], left_out
+    _score(workers, beginning, of_onsets, say)
+    return [*added, *beginning], [*of_variations, *of_onsets], left_out
+
+
+def _score(workers: Workers, found: Sequence[Candidate], scores: list[Score], say: Progress) -> None:
+    """Add the scores of candidates to an empty list as they are made, so that an early end keeps them; at the end in the
+    order of the candidates, whichever process was done first."""
+    for k, (candidate, got) in enumerate(workers.score(found), 1):
+        say(f"scoring {k} of {len(found)}: {candidate.label}")
+        scores += got
+    place = {c.label: k for k, c in enumerate(found)}
+    scores.sort(key=lambda s: place[s.candidate.label])
 
 
 def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]], most: int
