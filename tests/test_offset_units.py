@@ -139,6 +139,15 @@ def test_noise_in_degC_is_an_interval(tmp_path: Path, unit: str, noise: str, for
     assert found.chi2 == pytest.approx(1.0, abs=0.7)
 
 
+def test_an_entry_of_show_with_the_name_of_its_variable_has_its_origin(tmp_path: Path) -> None:
+    record(tmp_path, "degC")
+    (tmp_path / "plate.yaml").write_text(PLATE.replace(SHOWN, "show: {a.T: {unit: degC}}"))
+    path = tmp_path / "e.yaml"
+    path.write_text(EXPERIMENT.format(formula="a.T", unit="degC", noise="0.3 degC"))
+    # the same limits as in the test before
+    assert hb.fit(path).parameters[0].value == pytest.approx(0.12, rel=0.02)
+
+
 @pytest.mark.parametrize(("limit", "code"), [("peak(a.T - b.T) < 60 degC", "unit-offset"),
                                              ("final(a.T) - final(b.T) < 50 degF", "unit-offset")])
 def test_a_limit_on_a_difference_in_degC_is_refused(limit: str, code: str) -> None:

@@ -381,10 +381,16 @@ class _Reader:
         return found
 
     def _node_origin(self, name: Name) -> float | None:
-        """1 for a temperature of a node, which has the name that its domain gives it; None for other names."""
-        show, member = self.model.show.get(name.text), name.text.rpartition(".")[2]
-        if show is not None:
-            return origins(show.expr, self._node_origin)
+        """1 for a temperature of a node, which has the name that its domain gives it; None for other names.
+
+        The formula of an entry of `show` names variables of the machine, also the variable that has the name of the entry.
+        """
+        show = self.model.show.get(name.text)
+        return self._variable_origin(name) if show is None else origins(show.expr, self._variable_origin)
+
+    def _variable_origin(self, name: Name) -> float | None:
+        """1 for a temperature of a node; None for other variables."""
+        member = name.text.rpartition(".")[2]
         temperatures = (d.members[m] for d in self.model.library.domains.values() for m in d.across if m == member)
         return 1.0 if any(m.unit.dimension == KELVIN for m in temperatures) else None
 
