@@ -132,6 +132,8 @@ CASES = [
     Case("state_space22", "part.y_2", lambda t: 2.5 - 2*np.exp(-t) - 0.5*np.exp(-2*t), "partial fractions"),
     Case("saturation", "part.y", lambda t: np.clip(u(t), -1, 1.5), LAW),
     Case("linear_variation", "part.factor", lambda t: 1 + 0.4*np.clip(u(t), -1, 1), LAW),
+    Case("piecewise_variation", "part.factor",
+         lambda t: 1 + np.interp(u(t), [-2, -1, 0, 1, 2], [0.4, 0.1, 0, -0.2, 1]), LAW),
     Case("bent_variation", "part.factor", lambda t: 1 + np.where(u(t) > 0, 0.5, -0.1)*u(t), LAW),
     Case("step_variation", "part.factor", lambda t: 1 - 0.1*(1 + np.tanh((t - 0.5)/0.01)), LAW),
     Case("onset", "part.factor", lambda t: (1 + np.tanh((t - 0.5)/0.01))/2, LAW),

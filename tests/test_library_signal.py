@@ -100,7 +100,7 @@ U, W = np.array([-3.0, -0.5, 0.0, 0.2, 4.0]), np.array([2.0, -0.5, 1.0, 0.1, -7.
 TIME = np.linspace(-0.0, 5.0, 101)
 ACROSS, ALONG = np.repeat([-1.0, 0.0, 0.3, 1.0, 2.2, 9.0], 4), np.tile([-2.0, -0.7, 0.4, 3.0], 6)
 HEIGHTS = [5.0, -2.0, 3.0, 0.5, 0.0, -1.0, 4.0, 2.0, -6.0]
-FACTORS = ("LinearVariation", "BentVariation", "StepVariation", "Onset", "VariationByDirection")
+FACTORS = ("LinearVariation", "BentVariation", "PiecewiseVariation", "StepVariation", "Onset", "VariationByDirection")
 STATIC: list[tuple[str, dict[str, object], dict[str, object], object]] = [
     ("Absolute", {"u": "0 V"}, {"u": U}, np.where(U < 0, -U, U)),
     ("And", {}, {"u_1": [0, 0, 1, 1], "u_2": [0, 1, 0, 1]}, [0, 0, 0, 1]),
@@ -118,6 +118,8 @@ STATIC: list[tuple[str, dict[str, object], dict[str, object], object]] = [
     ("LinearVariation", {"u": "0 V", "k": 0.4, "u_0": "1 V", "u_m": "2 V"}, {"u": U}, 1 + 0.4*np.clip((U - 1)/2, -1, 1)),
     ("BentVariation", {"u": "0 V", "k_a": 0.4, "k_b": -0.2, "u_0": "0 V", "u_m": "5 V"}, {"u": U},
      1 + np.where(U > 0, -0.04, -0.08)*U),
+    ("PiecewiseVariation", {"u": "0 V", "k_a": 0.4, "k_b": -0.2, "k_c": 0.6, "k_d": 0.1, "u_0": "0.5 V", "u_m": "2 V"},
+     {"u": U}, 1 + np.interp(U, [-1.5, -0.5, 0.5, 1.5, 2.5], [0.4, -0.2, 0.0, 0.6, 0.1])),
     ("StepVariation", {"u": "0 V", "k": 0.5, "t_0": "1 V", "u_m": "5 V"}, {"u": U}, 1 + 0.25*(1 + np.tanh((U - 1)/0.1))),
     ("Onset", {"u": "0 V", "t_0": "1 V", "u_m": "5 V"}, {"u": U}, (1 + np.tanh((U - 1)/0.1))/2),
     ("VariationByDirection", {"u": "0 V", "k": 0.3, "u_m": "5 V"}, {"u": U}, 1 + 0.3*np.tanh(U/0.1)),

@@ -213,7 +213,8 @@ def search(state: State, task: Task) -> Iterator[State]:
     def stepping(experiment: Experiment, way: Selection) -> Stage:
         task.grow([*(entry.as_dict() for entry in state.models), *map(_unconfirmed, way)])
         beside = f" beside {listing(added.candidate.label for added in way)}" if len(way) > 1 else ""
-        return make_stage(experiment, number=task.number, seconds=left(), classes=task.classes, thorough=not way,
+        return make_stage(experiment, beside=[added.candidate for added in way], number=task.number, seconds=left(),
+                          classes=task.classes, thorough=not way,
                           progress=lambda text: task.say(f"step {len(way) + 1}{beside}: {text}"))
 
     cut_short: set[str] = set()

@@ -383,6 +383,8 @@ def _named(curve: Curve, learn: Mask, knots: Array, found: Regression, misfit: f
         if (form.crossing and not crosses_zero(v, size)) or (form.kind and curve.variable.kind != form.kind):
             continue
         kinks = best_kinks(partial(unlearnt, form), form.kinks, v)
+        if len(kinks) < form.kinks:
+            continue
         tried = fitted(form, kinks).r2(misfit)
         if tried >= enough:
             good.append(((CURVES.exact + 1 - tried) * CURVES.per_number**form.free, tried, form, kinks))

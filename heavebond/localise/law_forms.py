@@ -115,11 +115,13 @@ def solved(basis: Array, w: Array, weight: Array) -> Array:
 
 
 def best_kinks(learnt: Callable[[Kinks], float], count: int, v: Array) -> Kinks:
-    """The kinks (increasing) with which a law is learnt best."""
+    """The kinks (increasing) with which a law is learnt best; none if the variable has too few different values."""
     if not count:
         return ()
     grid = np.unique(np.concatenate([np.quantile(v, [0.03, 0.1, 0.25, 0.5, 0.75, 0.9, 0.97]),
                                      np.linspace(np.quantile(v, 0.02), np.quantile(v, 0.98), 7)]))
+    if len(grid) <= count:
+        return ()
     best = max(combinations(grid.tolist(), count), key=learnt)
     for _ in range(2):
         step = float(np.max(np.diff(grid))) / 3

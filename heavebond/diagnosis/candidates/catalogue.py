@@ -25,6 +25,7 @@ from heavebond.equations.parameters import formula_order
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment
 from heavebond.language.definition import (
+    FACTOR,
     REVERSES,
     Component,
     Effect,
@@ -112,6 +113,19 @@ class Candidate:
         """What it is and where, for machines."""
         return {"candidate": self.label, "component": self.component, "class": self.kind, "place": self.place,
                 "where": list(self.where)}
+
+    @property
+    def varies(self) -> bool:
+        """Whether it is another course of a parameter that the diagram has, instead of a law: over a variable, over time or
+        from one record to the next."""
+        return self.attaches == "parameter" or bool(self.change.each)
+
+    def acts_on(self, effects: Sequence[Candidate]) -> bool:
+        """Whether it changes one of these effects instead of the machine: it takes the place of a part of theirs, stands in
+        series with it, or wakes or varies a parameter of it; or it is a second factor of a parameter over one variable."""
+        parts = {name for effect in effects if effect.attaches != "replaces" for name in effect.change.components}
+        part = {"in series": self.where[-1], "in": self.where[0], "replaces": self.where[0], "parameter": self.where[0]}
+        return part.get(self.attaches) in parts or (self.varies and self.place in {e.place for e in effects})
 
     @property
     def vanishing(self) -> tuple[EffectNumber, ...]:
@@ -505,8 +519,8 @@ def _signal_ports(component: Component) -> tuple[str, str]:
 def _before_input(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]:
     into, out = _signal_ports(component)
     for leaf in site.expanded.leaves.values():
-        if leaf.path not in site.experiment.model.body.instances:
-            continue  # the inside of a block is its own file's
+        if leaf.path not in site.experiment.model.body.instances or FACTOR in leaf.component.variables:
+            continue  # the inside of a block is its own file's; the input of a factor is a variable of the machine
         for signal in leaf.component.signals.values():
             path = f"{leaf.path}.{signal.name}"
             wire = _own_wire(site, path)

@@ -17,6 +17,7 @@ import numpy as np
 from heavebond.core.units import Range, Unit, declared_unit, is_generic, read_unit
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber, quantity, snake
 from heavebond.equations.expanded import Leaf
+from heavebond.equations.places import nodes_of
 from heavebond.equations.variation import fixed_because
 from heavebond.estimation.residuals import Residuals, Run
 from heavebond.language.definition import FACTOR, Component, Parameter, SearchRange, Value
@@ -99,7 +100,8 @@ def varying_parameters(problem: Residuals, inner: Array) -> Varying:
     found: list[Candidate] = []
     for name in influence:
         path, _, key = name.rpartition(".")
-        units = {v: runs[0].assembly.flat.unknowns[runs[0].assembly.flat.names[v]].unit for v in moving[path]}
+        flat = runs[0].assembly.flat
+        units = {v: flat.unknowns[flat.names[v.partition(" - ")[0]]].unit for v in moving[path]}
         for form in forms:
             found += _of_form(form, leaves[path], key, {v: courses[v] for v in moving[path]}, units, (begin, end))
     found = [_beside_earlier(c, model) for c in found if c.name not in model.body.instances]
@@ -181,7 +183,26 @@ def _variables(leaf: Leaf, run: Run) -> list[str]:
              and not (domain.positions and domains.count(port.domain) > 1)
              for member in domain.across]
     own = [v.name for v in leaf.component.variables.values() if v.name not in leaf.component.held]
-    return [full for name in (*own, *ports) if (full := f"{leaf.path}.{name}") in flat.names]
+    found = [full for name in (*own, *ports) if (full := f"{leaf.path}.{name}") in flat.names]
+    return [*found, *_relative_positions(leaf, run)]
+
+
+def _relative_positions(leaf: Leaf, run: Run) -> list[str]:
+    """Of a part between two mechanical nodes that has no displacement of its own (a damper, friction) the formula of the
+    relative position of its nodes, as far as the diagram has their positions: friction may vary along the path."""
+    flat = run.assembly.flat
+    nodes = {port: node for node in nodes_of(flat).values() for port in node.ports}
+    ends = [node for port in reversed(leaf.component.ports) if (node := nodes.get(f"{leaf.path}.{port}")) is not None]
+    if len(ends) != 2 or any(node.domain.position is None for node in ends):
+        return []
+    length = ends[0].domain.members[ends[0].domain.position or ""].unit.dimension
+    if any(v.unit.dimension == length for v in leaf.component.variables.values()):
+        return []
+    moving = [node for node in ends if not any(
+        other.component.is_a(node.domain.reference or "") for port in node.ports
+        if (other := flat.expanded.leaves.get(port.rpartition(".")[0])) is not None)]
+    names = [f"{node.name}.{node.domain.position}" for node in moving]
+    return [" - ".join(names)] if moving[:1] == ends[:1] and all(name in flat.names for name in names) else []
 
 
 def _moving(courses: Mapping[str, Array]) -> list[str]:

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -130,6 +131,19 @@ def differs_materially(best: Refit, other: Refit, misfit: float) -> bool:
         return more - least > DECISION.material * misfit or more > DECISION.times * max(least, DECISION.near - 1.0)
 
     return all(differ(_left(best, joint), _left(other, joint)) for joint in (False, True))
+
+
+def dispensable_variations(trials: Sequence[Refit]) -> list[Refit]:
+    """The trials that vary a parameter of the diagram, of which a law with constant parameters is not materially worse.
+
+    A parameter that varies over a variable, over time or between records describes a difference without a cause, and there
+    are many of them. So a variation that does not reach the noise must leave several times less above the noise (`times`)
+    than each law.
+    """
+    laws = [_left(t, False) for t in trials if not t.candidate.varies and t.errors is not None]
+    least = min(laws, default=inf)
+    return [t for t in trials if t.candidate.varies and t.errors is not None and not leaves_noise(t)
+            and least <= DECISION.times * max(_left(t, False), DECISION.near - 1.0)]
 
 
 def _set(best: Refit, others: Sequence[Refit]) -> ConfidenceSet | None:

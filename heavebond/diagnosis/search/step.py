@@ -27,6 +27,7 @@ from heavebond.diagnosis.evidence.comparison import (
     Identity,
     best_predicting,
     compared,
+    dispensable_variations,
     equivalent_values,
     leaves_noise,
     likelihood,
@@ -128,16 +129,21 @@ class Stage:
         return _merit(self.cost, self.samples, len(self.values), self.errors)
 
 
-def make_stage(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS, classes: Sequence[str] = (),
-               progress: Progress | None = None, thorough: bool = True) -> Stage:
-    """One rung of the ladder. `classes` narrows the catalogue to candidates of these classes. A `thorough` search refits all
-    others too where none of those with the largest scores comes near the noise."""
+def make_stage(experiment: Experiment, *, beside: Sequence[Candidate] = (), number: int | None = None,
+               seconds: float = SECONDS, classes: Sequence[str] = (), progress: Progress | None = None,
+               thorough: bool = True) -> Stage:
+    """One rung of the ladder. `beside` are the effects that were added to the diagram before: candidates that act on these
+    instead of the machine are left out. `classes` narrows the catalogue to candidates of these classes. A `thorough` search
+    refits all others too where none of those with the largest scores comes near the noise."""
+    def chosen(candidate: Candidate) -> bool:
+        return candidate.kind != UNKNOWN and (not classes or candidate.kind in classes) and not candidate.acts_on(beside)
+
     excluded: dict[str, str] = {}
     site = site_of(experiment)
-    found = [c for c in candidates(experiment, excluded, site) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
-    distant = [c for c in between_all_nodes(experiment, site) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
+    found = [c for c in candidates(experiment, excluded, site) if chosen(c)]
+    distant = [c for c in between_all_nodes(experiment, site) if chosen(c)]
     made = _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough, distant=distant,
-                 varying=lambda c: not classes or c.kind in classes)
+                 varying=chosen)
     return replace(made, excluded={**excluded, **made.excluded})
 
 
@@ -238,6 +244,8 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             partial, left, twins = True, leftover(base, scores, prescored.scores), {}
     if not always:
         excluded |= {label: "it never acts in the fitted records" for label, t in refits.trials.items() if not t.acts}
+        excluded |= {t.candidate.label: "laws with constant parameters leave hardly more"
+                     for t in dispensable_variations([t for t in refits.trials.values() if t.candidate.label not in excluded])}
     trials = [t for label, t in refits.trials.items() if label not in excluded]
     made = _judged(base, errors, left, scores, trials, twins, partial, clock.perf_counter() - began, as_one)
     broken = tuple(c.label for c in found if c.label not in known and c.label not in workers.lost) if scored_all else ()
