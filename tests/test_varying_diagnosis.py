@@ -84,13 +84,15 @@ def test_a_spring_that_breaks_is_named_with_the_time(tmp_path):
 
 @pytest.mark.long
 def test_a_damping_that_differs_between_two_fitted_records_is_named_and_written(tmp_path):
-    diagnosis = found(records(tmp_path, ("", "set: {damper.d: 96 N*s/m}\n"), "fit"))
+    diagnosis = found(records(tmp_path, ("", "set: {damper.d: 96 N*s/m}\n"), "fit"), "record-dependent parameter")
     assert diagnosis.findings[0].candidate.change.each.keys() == {"damper.d"}
     assert any("1.6 times as large in record b as in record a" in word for word in diagnosis.words)
 
 
 def test_a_damping_that_is_larger_in_the_held_out_record_is_stated(tmp_path):
     diagnosis = found(records(tmp_path, ("", "set: {damper.d: 96 N*s/m}\n")))
+    assert diagnosis.verdict == "effect" and diagnosis.findings[0].candidate.change.each.keys() == {"damper.d"}
+    assert diagnosis.tree.effects[0].path[-1].name == "damper.d"
     said = next(word for word in diagnosis.words if word.startswith("damper.d is"))
     # fitted to the first 2 s of the record
     assert float(said.split()[2]) == pytest.approx(1.6, abs=0.08)

@@ -16,7 +16,7 @@ from heavebond.core.errors import HeavebondError, SimulationError, StartError, l
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.answer.confirm import Confirming, at_fit, compared, first_entries
 from heavebond.diagnosis.answer.sentences import CALIBRATION, CURVES, FURTHER, VALUES, was_ended
-from heavebond.diagnosis.answer.verdict import is_adequate, near_noise, unexplained, verdict
+from heavebond.diagnosis.answer.verdict import gone, is_adequate, near_noise, unexplained, verdict
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.evidence.flexible_laws import (
@@ -28,12 +28,13 @@ from heavebond.diagnosis.evidence.flexible_laws import (
     judged,
     remainder,
 )
-from heavebond.diagnosis.evidence.record_differences import record_differences
+from heavebond.diagnosis.evidence.record_differences import RecordDifference, record_differences
 from heavebond.diagnosis.search.record_starts import own_starts, started_entry
-from heavebond.diagnosis.search.refit import Refit
+from heavebond.diagnosis.search.refit import Refit, begun
 from heavebond.diagnosis.search.step import (
     Stage,
     choosing,
+    fitted_base,
     make_calibration_stage,
     make_curve_stage,
     make_stage,
@@ -345,7 +346,11 @@ def compare_held_out_records(state: State, task: Task) -> Iterator[State]:
     """Parameters with another value in a held-out record, if the fitted records leave noise and the held-out ones more."""
     if state.steps and not state.findings and not state.untried and not state.steps[0].left.significant \
             and state.table[-1].chi2_held_out > DECISION.near:
-        yield replace(state, differences=tuple(record_differences(at_fit(state.given, state.base))))
+        found = record_differences(at_fit(state.given, state.base))
+        state = replace(state, differences=tuple(difference.words for difference in found))
+        yield state
+        if len({difference.candidate.label for difference in found}) == 1:
+            yield _with_difference(state, task, found[0])
 
 
 def decide(state: State, task: Task) -> Iterator[State]:
@@ -371,6 +376,22 @@ PHASES: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts
                              decide)
 CLOSING: tuple[Phase, ...] = (confirm, decide)
 FIRST: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts)
+
+
+def _with_difference(state: State, task: Task, difference: RecordDifference) -> State:
+    """The state with a value for each record of the parameter that differs in a held-out record, as a finding; the same
+    state if the fit with these values does not predict the held-out records better."""
+    assert state.confirming is not None and state.searched is not None
+    trial = begun(fitted_base(at_fit(state.searched, state.base)), difference.candidate, progress=task.say)
+    if trial is None:
+        return state
+    made = choosing(replace(state.steps[0], trials=(trial,)), trial)
+    effect = state.confirming.one(SelectedEffect(made, made.cluster), state.models[-1].comparison)
+    if effect is None or gone(state.models[-1].chi2_held_out, effect.rung.chi2_held_out) < DECISION.mainly:
+        return state
+    # the fitted records show nothing: what shows the effect is the size of the residual of the held-out records
+    made = replace(made, left=replace(made.left, size=difference.chance))
+    return replace(state, models=(*state.models, effect.rung), findings=(effect,), steps=(made,))
 
 
 def _without_name(state: State, task: Task, seconds: float) -> Iterator[State]:

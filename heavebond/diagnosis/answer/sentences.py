@@ -174,9 +174,10 @@ def _mainly(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
     share = f"{'It explains' if len(findings) == 1 else 'Together they explain'} {_share(adequacy.explained)} % of the " \
             "misfit (chi-square above the noise)"
     enough = near_noise(findings[-1].rung)  # what is not certain then is the effect itself
-    first, *others = (called(f.candidate) if f.certain else _alternatives(f) for f in findings)
+    first, *others = (called(f.candidate) if f.certain else _alternatives(f, 1 if k else MENTIONED)
+                      for k, f in enumerate(findings))
     unsure = "" if findings[0].certain else _unsure(findings[:1])
-    more = f"; added after it: {listing(others, 5)}" if others else ""
+    more = f"; added after it: {'; '.join(others)}" if others else ""
     return f"Missing: {'probably' if enough else 'mainly'} {first}.{unsure}{_laws(findings)} {share}{more}." + \
         ("" if enough else " More is missing.")
 
@@ -185,11 +186,11 @@ def _beaten(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
     """That a curve does better than the first effect, and what was found beside that, where there is more."""
     curve = adequacy.flexible
     assert curve is not None
-    first, *others = map(_alternatives, findings) if findings else [""]
+    first, *others = (_alternatives(f, 1 if k else MENTIONED) for k, f in enumerate(findings)) if findings else [""]
     nearest = f" ({first})" if first else ""
     return f"Something is missing {curve.candidate.place} that no entry of the catalogue explains: an identified curve " \
            f"there explains most of what the best law of the catalogue{nearest} leaves." \
-           + (f" Found beside it: {listing(others, 5)}." if others else "")
+           + (f" Found beside it: {'; '.join(others)}." if others else "")
 
 
 def _yardstick(adequacy: Adequacy) -> list[str]:
@@ -319,12 +320,21 @@ def _places(finding: AddedEffect) -> dict[str, list[str]]:
     return {kind: list(places) for kind, places in found.items()}
 
 
-def _alternatives(finding: AddedEffect) -> str:
-    """All classes and places that a finding may be: `dry friction at the wall or at the floor; or backlash in the gear`."""
+def _alternatives(finding: AddedEffect, classes: int = MENTIONED) -> str:
+    """The first classes and places that a finding may be, and how many more there are: `dry friction at the wall or at the
+    floor; or backlash in the gear`."""
     found = _places(finding)
     apart = "; or " if any(len(places) > 1 for places in found.values()) else " or "
-    return apart.join(f"{kind} {', '.join(places[:-1])}{' or ' if places[1:] else ''}{places[-1]}".strip()
-                      for kind, places in found.items())
+    said = [f"{kind} {_either(places)}".strip() for kind, places in [*found.items()][:classes]]
+    more = len(found) - len(said)
+    return apart.join([*said, *([f"one of {counted(more, 'other class', 'other classes')}"] if more else [])])
+
+
+def _either(places: Sequence[str]) -> str:
+    """`at the wall, at the floor or at one of 2 other places`."""
+    said, more = places[:MENTIONED], len(places) - MENTIONED
+    said = said if more <= 0 else [*said, f"at {'another place' if more == 1 else f'one of {more} other places'}"]
+    return f"{', '.join(said[:-1])} or {said[-1]}" if len(said) > 1 else said[0]
 
 
 def _unsure(findings: Sequence[AddedEffect]) -> str:

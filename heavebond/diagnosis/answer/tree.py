@@ -22,6 +22,7 @@ from itertools import pairwise
 from heavebond.core.errors import listing
 from heavebond.core.presentation import readable
 from heavebond.diagnosis.answer.physics import physics
+from heavebond.diagnosis.answer.variations import variation_words
 from heavebond.diagnosis.answer.verdict import gone, held_out_or_fitted, without_effects
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.fixed_values import VALUE
@@ -417,8 +418,9 @@ def _meaning(best: Refit | AddedEffect, library: Library) -> str:
     """The best law in a sentence of physics."""
     if isinstance(best, AddedEffect):
         values = {**best.fit.values, **{p.name: p.value for p in best.parameters}}
-        return physics(best.candidate, library, values, best.parameters) if best.candidate.kind != VALUE else \
-            _value_words(best)
+        if best.candidate.kind == VALUE:
+            return _value_words(best)
+        return " ".join(variation_words([best])) or physics(best.candidate, library, values, best.parameters)
     return physics(best.candidate, library, best.values)
 
 

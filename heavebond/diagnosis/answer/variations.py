@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from heavebond.core.errors import listing
 from heavebond.core.presentation import number, readable
+from heavebond.diagnosis.candidates.varying import unit_of_variable
 from heavebond.diagnosis.state import AddedEffect
 from heavebond.estimation.fitting import Fitted
-from heavebond.language.definition import Effect
+from heavebond.language.definition import FACTOR, Effect
+from heavebond.numerics.result import Probe
 
 
 def variation_words(findings: Sequence[AddedEffect]) -> list[str]:
@@ -21,44 +26,55 @@ def variation_words(findings: Sequence[AddedEffect]) -> list[str]:
             said += [f"The effect begins at {_at(when)}." for when in finding.parameters
                      if any(factor.rpartition(".")[0] == when.name.rpartition(".")[0] != finding.candidate.name
                             for factor in factors)]
-            if effect is not None and f"{finding.candidate.name}.factor" in factors:
+            if effect is not None and f"{finding.candidate.name}.{FACTOR}" in factors:
                 said.append(_of_factor(name, finding, effect))
     return list(dict.fromkeys(line for line in said if line))
 
 
 def _of_records(name: str, values: Sequence[Fitted]) -> str:
-    """The ratio of the largest to the smallest value of a parameter over the records."""
+    """The ratio of the largest to the smallest value of a parameter over the fitted records; empty if these values agree
+    within their intervals."""
     own = sorted((p for p in values if p.record), key=lambda p: abs(p.value))
-    if len(own) < 2 or own[0].value == 0:
+    if len(own) < 2 or own[0].value == 0 or _overlap(own[0], own[-1]):
         return ""
     low, high = own[0], own[-1]
     return f"{name} is {number(high.value / low.value, 3)} times as large in record {high.record} as in record " \
         f"{low.record} ({readable(high.value, high.unit, 3)} and {readable(low.value, low.unit, 3)})."
 
 
+def _overlap(one: Fitted, other: Fitted) -> bool:
+    """Whether the intervals of two values have a part in common; an end that is not known is at the value."""
+    (low, high), (low_other, high_other) = ((p.told[0] if p.told[0] is not None else p.value,
+                                             p.told[1] if p.told[1] is not None else p.value) for p in (one, other))
+    return max(low, low_other) <= min(high, high_other)
+
+
 def _of_factor(name: str, finding: AddedEffect, effect: Effect) -> str:
-    """The change of a parameter over the range of the variable with which it varies."""
+    """The values of a parameter over the range of the variable with which it varies, or before and after the time at which
+    it changes."""
     candidate = finding.candidate
-    part = candidate.change.components[candidate.name]
-    model = finding.fit.experiment.model.library.component(candidate.component)
     own = {p.name.rpartition(".")[2]: p for p in finding.parameters}
-    variable = next(iter(part.values.values())).lstrip("=")
-    amplitudes = {key: own[key].value for key in effect.amplitude if key in own}
+    amplitudes = [own[key].value for key in effect.amplitude if key in own]
     words = effect.varies_with
     when = next((own[key] for key in effect.shapes if key in own), None)
     if "instant" in words and when is not None and amplitudes:
-        change = next(iter(amplitudes.values()))
-        return f"{name} {'rises' if change > 0 else 'falls'} by {number(100 * abs(change), 3)} % at {_at(when)}."
-    if len(amplitudes) != 1 or model.effect is None:
-        sizes = [f"{key} = {number(value, 3)}" for key, value in amplitudes.items()]
-        return f"{name} varies with {variable}: {', '.join(sizes)}."
-    k = next(iter(amplitudes.values()))
+        way = "rises" if amplitudes[0] > 0 else "falls"
+        return f"{name} {way} by {number(100 * abs(amplitudes[0]), 3)} % at {_at(when)}."
+    runs = [record.result for record in finding.fit.after.records.values() if record.use == "fit"]
+    variable = next(iter(candidate.change.components[candidate.name].values.values())).lstrip("=")
+    factor = f"{candidate.name}.{FACTOR}"
+    v, f = np.hstack([Probe(run.assembly, [variable, factor], si=True).values(run) for run in runs])
+    flat = runs[0].assembly.flat
+    unit, value = unit_of_variable(flat, variable), finding.fit.values.get(name, runs[0].assembly.parameter_values[name])
+    own_unit = next(q.unit.text for q in flat.parameters if q.name == name)
     if "rate" in words:
-        return f"{name} is {number((1 + k) / (1 - k), 3)} times as large at positive {variable} as at negative {variable}."
-    ratio = (1 + k) / (1 - k)
-    low, high = (part.values.get(key, "") for key in ("u_0", "u_m"))
-    grown = f"grows by {number(100 * (ratio - 1), 3)} %" if ratio > 1 else f"falls by {number(100 * (1 - ratio), 3)} %"
-    return f"{name} {grown} over the range of {variable} ({low} +- {high})."
+        ahead, back = (float(value * f[int(np.argmax(side * v))]) for side in (1, -1))
+        return f"{name} is {number(ahead / back, 3)} times as large at positive {variable} as at negative {variable} " \
+            f"({readable(ahead, own_unit, 3)} and {readable(back, own_unit, 3)})."
+    at = np.linspace(float(v.min()), float(v.max()), len(amplitudes) + 1)
+    course = [f"{readable(float(value * f[int(np.argmin(np.abs(v - x)))]), own_unit, 3)} at "
+              f"{f'{variable} = ' if k == 0 else ''}{readable(float(x), unit.text, 3)}" for k, x in enumerate(at)]
+    return f"{name} is {listing(course, len(course))}."
 
 
 def _at(when: Fitted) -> str:

@@ -17,6 +17,7 @@ import numpy as np
 from heavebond.core.units import Range, Unit, declared_unit, is_generic, read_unit
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber, quantity, snake
 from heavebond.equations.expanded import Leaf
+from heavebond.equations.flatten import Flat
 from heavebond.equations.places import nodes_of
 from heavebond.equations.variation import fixed_because
 from heavebond.estimation.residuals import Residuals, Run
@@ -30,7 +31,7 @@ from heavebond.numerics.result import Probe
 from heavebond.text.expression import Name
 
 ONSET = "Onset"  # the component that is 0 before a time and 1 after it
-BY_RECORD = "varying parameter"
+BY_RECORD = "record-dependent parameter"
 SECOND = declared_unit("s")
 
 
@@ -100,8 +101,7 @@ def varying_parameters(problem: Residuals, inner: Array) -> Varying:
     found: list[Candidate] = []
     for name in influence:
         path, _, key = name.rpartition(".")
-        flat = runs[0].assembly.flat
-        units = {v: flat.unknowns[flat.names[v.partition(" - ")[0]]].unit for v in moving[path]}
+        units = {v: unit_of_variable(runs[0].assembly.flat, v) for v in moving[path]}
         for form in forms:
             found += _of_form(form, leaves[path], key, {v: courses[v] for v in moving[path]}, units, (begin, end))
     found = [_beside_earlier(c, model) for c in found if c.name not in model.body.instances]
@@ -203,6 +203,11 @@ def _relative_positions(leaf: Leaf, run: Run) -> list[str]:
         if (other := flat.expanded.leaves.get(port.rpartition(".")[0])) is not None)]
     names = [f"{node.name}.{node.domain.position}" for node in moving]
     return [" - ".join(names)] if moving[:1] == ends[:1] and all(name in flat.names for name in names) else []
+
+
+def unit_of_variable(flat: Flat, variable: str) -> Unit:
+    """The unit of a variable with which a parameter may vary: of the diagram, a difference of two, or time."""
+    return SECOND if variable == "time" else flat.unknowns[flat.names[variable.partition(" - ")[0]]].unit
 
 
 def _moving(courses: Mapping[str, Array]) -> list[str]:

@@ -7,6 +7,8 @@ to the beginning of the record, and predicts the rest.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from heavebond.core.errors import HeavebondError, listing
@@ -22,8 +24,18 @@ from heavebond.estimation.residuals import Residuals, Run
 from heavebond.numerics.dae import Array
 
 
-def record_differences(experiment: Experiment) -> list[str]:
-    """A sentence for each held-out record that a fitted model does not predict, if one parameter with another value there
+@dataclass(frozen=True)
+class RecordDifference:
+    """A parameter with another value in a held-out record than in the fitted ones: the candidate that gives it a value for
+    each record, the probability by chance of what the model without it leaves there, and the difference in a sentence."""
+
+    candidate: Candidate
+    chance: float
+    words: str
+
+
+def record_differences(experiment: Experiment) -> tuple[RecordDifference, ...]:
+    """The difference of each held-out record that a fitted model does not predict, if one parameter with another value there
     explains most of it; `experiment` has the fitted values in its diagram."""
     problem = searched(experiment)
     inner = problem.start
@@ -31,16 +43,19 @@ def record_differences(experiment: Experiment) -> list[str]:
     candidates = differing_parameters(problem, inner)
     found = [_difference(problem, inner, record, runs[record.name], candidates)
              for record in experiment.records.values() if record.use != "fit"]
-    return [said for said in found if said]
+    return tuple(difference for difference in found if difference is not None)
 
 
-def _difference(problem: Residuals, inner: Array, record: Record, run: Run, candidates: tuple[Candidate, ...]) -> str:
-    """The sentence for one held-out record; empty if no single parameter explains what is left there."""
+def _difference(problem: Residuals, inner: Array, record: Record, run: Run, candidates: tuple[Candidate, ...]
+                ) -> RecordDifference | None:
+    """The difference of one held-out record; None if no single parameter explains what is left there."""
+    from scipy.special import chdtrc
+
     experiment, values = problem.experiment, problem.values_of(inner, problem.runs[0].record.name)
     before = run.held_out(values)[0]
     chi2, samples = float(np.mean(before**2)), len(before)
     if chi2 <= DECISION.near:
-        return ""
+        return None
     left: list[tuple[float, str, float, float]] = []
     for candidate in candidates:
         (name, _), = candidate.change.each.items()
@@ -51,17 +66,19 @@ def _difference(problem: Residuals, inner: Array, record: Record, run: Run, cand
             continue
         left.append((float(np.mean(after**2)), name, own.values[name], own.seconds))
     if not left:
-        return ""
+        return None
     least, name, value, seconds = min(left)
     if least > DECISION.near and least - 1 > (chi2 - 1) / 2:
-        return ""
+        return None
     usual = values.get(name, problem.runs[0].assembly.parameter_values[name])
     others = [other for cost, other, _, _ in sorted(left)[1:] if fallen(cost, least, samples) < EARNED]
     unit = next(q.unit.text for q in problem.runs[0].assembly.flat.parameters if q.name == name)
     same = f" The records do not distinguish it from a difference of {listing(others, 3)}." if others else ""
     fitted = listing([r.record.name for r in problem.runs], 3)
-    return (f"{name} is {number(value / usual, 3)} times as large in record {record.name} as in {fitted} "
-            f"({readable(value, unit, 3)} and {readable(usual, unit, 3)}; fitted to the first {number(seconds, 2)} s of "
-            f"{record.name}). With it the reduced chi-square of {record.name} falls from {number(chi2, 3)} to "
-            f"{number(least, 3)}. To fit a value for each record, write `{name}: {{range: ..., each: record}}` under "
-            f"`free:`.{same}")
+    words = (f"{name} is {number(value / usual, 3)} times as large in record {record.name} as in {fitted} "
+             f"({readable(value, unit, 3)} and {readable(usual, unit, 3)}; fitted to the first {number(seconds, 2)} s of "
+             f"{record.name}). With it the reduced chi-square of {record.name} falls from {number(chi2, 3)} to "
+             f"{number(least, 3)}. To fit a value for each record, write `{name}: {{range: ..., each: record}}` under "
+             f"`free:`.{same}")
+    candidate = next(c for c in candidates if name in c.change.each)
+    return RecordDifference(candidate, float(chdtrc(samples, chi2 * samples)), words)

@@ -244,9 +244,10 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             partial, left, twins = True, leftover(base, scores, prescored.scores), {}
     if not always:
         excluded |= {label: "it never acts in the fitted records" for label, t in refits.trials.items() if not t.acts}
-        excluded |= {t.candidate.label: "laws with constant parameters leave hardly more"
-                     for t in dispensable_variations([t for t in refits.trials.values() if t.candidate.label not in excluded])}
     trials = [t for label, t in refits.trials.items() if label not in excluded]
+    excluded |= {t.candidate.label: "laws with constant parameters leave hardly more"
+                 for t in dispensable_variations(trials)}
+    trials = [t for t in trials if t.candidate.label not in excluded]
     made = _judged(base, errors, left, scores, trials, twins, partial, clock.perf_counter() - began, as_one)
     broken = tuple(c.label for c in found if c.label not in known and c.label not in workers.lost) if scored_all else ()
     return replace(made, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as, planned=len(found), broken=broken,
