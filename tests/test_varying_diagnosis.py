@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import heavebond as hb
+from heavebond.diagnosis.candidates.catalogue import Candidate
+from heavebond.diagnosis.candidates.places import candidates
+from heavebond.diagnosis.candidates.varying import varying_parameters
 from heavebond.diagnosis.diagnose import diagnose
+from heavebond.diagnosis.evidence.comparison import dispensable_variations
+from heavebond.diagnosis.evidence.prediction import FITTED, PredictiveErrors
+from heavebond.diagnosis.search.base_model import searched
+from heavebond.language.edits import Change
 
 DIAGRAM = """model: small
 components:
@@ -107,3 +117,48 @@ def test_friction_that_begins_at_a_time_is_named_with_the_time(tmp_path):
     assert diagnosis.findings[0].candidate.place == "between mass and the surroundings from a time on"
     onset = next(p for p in diagnosis.findings[0].parameters if p.name.endswith(".t_0"))
     assert onset.value == pytest.approx(9.2, abs=0.1)
+
+
+def test_friction_varies_with_the_relative_position_of_its_nodes(tmp_path):
+    parts = "\n  rub: {is: CoulombFriction, F_c: 6 N}\n  ground: {is: Fixed}"
+    rubbing = {"parts": parts, "end": ", rub.a", "nodes": "\n  g: [rub.b, ground.a]"}
+    path = records(tmp_path, ("", ""), **rubbing)
+    (tmp_path / "small.yaml").write_text(diagram(**rubbing))
+    problem = searched(hb.load_experiment(path))
+    places = {c.place for c in varying_parameters(problem, problem.start).candidates}
+    # the friction acts between the mass and the ground, the damper between two moving nodes
+    assert {"of rub.F_c with mass.x", "of damper.d with mass.x - base.x"} <= places
+    # the spring has a displacement of its own
+    assert "of spring.c with spring.s" in places and "of spring.c with mass.x - base.x" not in places
+
+
+def test_effects_act_on_the_machine_and_not_on_effects_that_were_found(tmp_path):
+    parts = "\n  along: {is: LinearVariation, u: =mass.x, k: 0.1, u_0: 0 m, u_m: 1 m}"
+    path = records(tmp_path, ("", ""))
+    (tmp_path / "small.yaml").write_text(diagram(parts=parts) + "vary: {spring.c: =along.factor}\n")
+    found = candidates(hb.load_experiment(path))
+    # the input of a factor is a variable of the machine, and no signal that may be late or wrong
+    assert {c.signal for c in found if c.attaches == "input"} == {"shaker.u"}
+    friction = next(c for c in found if c.component == "CoulombFriction" and "mass" in c.where)
+    slip = replace(next(c for c in found if c.attaches == "in series"), where=("mass", friction.name))
+    assert slip.acts_on([friction]) and not slip.acts_on([]) and not friction.acts_on([friction])
+    # a second factor of a parameter over the same variable
+    factor = Candidate("f", "LinearVariation", "varying parameter", "", "of spring.c with mass.x", ("spring",), Change(), (),
+                       "parameter")
+    assert replace(factor, component="BentVariation").acts_on([factor])
+    assert not replace(factor, place="of damper.d with mass.x").acts_on([factor])
+
+
+@pytest.mark.parametrize(("law", "variation", "kept"), [(30.0, 10.0, False), (60.0, 10.0, True), (3.0, 1.0, True),
+                                                        (2.9, 1.6, False)])
+def test_a_variation_that_does_not_reach_the_noise_must_leave_several_times_less_than_each_law(
+        law: float, variation: float, kept: bool) -> None:
+    def trial(chi2: float, attaches: str) -> Any:
+        counts = np.full(10, 100.0)
+        errors = PredictiveErrors(chi2*counts, counts, np.zeros(10, np.int64), np.full(10, FITTED))
+        candidate = Candidate("n", "C", "", "", "", ("part",), Change(), (), attaches)
+        return SimpleNamespace(candidate=candidate, errors=errors, chi2_fit=chi2, chi2_held_out=chi2, samples=1000,
+                               samples_held_out=0, slack=0.0, experiment=SimpleNamespace(noise_given=False))
+
+    varied = trial(variation, "parameter")
+    assert (dispensable_variations([trial(law, "across"), varied]) == []) == kept

@@ -20,6 +20,7 @@ from heavebond.estimation.records import measure
 from heavebond.language.model import load, loads
 from heavebond.localise.curves import Curve, Design, Variable, best_curve, regression
 from heavebond.localise.kalman_smoother import Unknown
+from heavebond.localise.law_forms import best_kinks
 from heavebond.localise.ltv_model import SourcedRecord, known_of, with_values
 from heavebond.localise.misfit import Localization, localize
 from heavebond.numerics import compiled_cvodes
@@ -343,3 +344,7 @@ def test_runs_over_many_samples_are_made_by_the_compiled_program(monkeypatch: py
     quick = comparison.simulate_over(assembly, grid)
     assert (by_idas.statistics["solver"], quick.statistics["solver"]) == ("idas", "cvodes")
     assert quick.x == pytest.approx(by_idas.x, rel=1e-4, abs=1e-6)
+
+
+def test_a_variable_with_a_single_value_has_no_kinks() -> None:
+    assert best_kinks(lambda kinks: 0.0, 2, np.full(50, 0.3)) == ()

@@ -184,7 +184,7 @@ def _variables(leaf: Leaf, run: Run) -> list[str]:
              for member in domain.across]
     own = [v.name for v in leaf.component.variables.values() if v.name not in leaf.component.held]
     found = [full for name in (*own, *ports) if (full := f"{leaf.path}.{name}") in flat.names]
-    return [*found, *_relative_positions(leaf, run)]
+    return [*_relative_positions(leaf, run), *found]
 
 
 def _relative_positions(leaf: Leaf, run: Run) -> list[str]:
@@ -202,7 +202,7 @@ def _relative_positions(leaf: Leaf, run: Run) -> list[str]:
         other.component.is_a(node.domain.reference or "") for port in node.ports
         if (other := flat.expanded.leaves.get(port.rpartition(".")[0])) is not None)]
     names = [f"{node.name}.{node.domain.position}" for node in moving]
-    return [" - ".join(names)] if moving[:1] == ends[:1] and all(name in flat.names for name in names) else []
+    return [" - ".join(names)] if names and all(name in flat.names for name in names) else []
 
 
 def unit_of_variable(flat: Flat, variable: str) -> Unit:
