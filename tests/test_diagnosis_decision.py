@@ -36,8 +36,8 @@ from heavebond.diagnosis.search.refit import Refit, begun
 from heavebond.diagnosis.search.refit_starts import HOPE, MIDWAY, stop_inferior_starts
 from heavebond.diagnosis.search.scoring import scored
 from heavebond.diagnosis.search.step import fitted_base
-from heavebond.estimation.experiment import Experiment, is_test, load_experiment
-from heavebond.estimation.residuals import ARRIVED, GIVEN_UP, Descent
+from heavebond.estimation.experiment import load_experiment
+from heavebond.estimation.residuals import ARRIVED, GIVEN_UP, Descent, Residuals
 from heavebond.language.library import same_class
 
 ONE = np.zeros(400, dtype=np.int64)
@@ -126,23 +126,16 @@ def test_cross_validation_is_that_of_refits(base: Base) -> None:
 def test_predictive_errors_are_larger_than_the_fit(base: Base) -> None:
     errors = predictive_errors(base.problem, base.inner, base.exact, base.r)
     assert errors.mean(FITTED) > float(base.r @ base.r) / len(base.r)
-    assert errors.samples(FITTED) == len(base.r) and errors.samples(SELECTION) == 0 < errors.samples(TEST)
+    assert errors.samples(FITTED) == len(base.r) and errors.samples(TEST) == 0 < errors.samples(SELECTION)
 
 
-def with_uses(experiment: Experiment, uses: list[str]) -> dict[str, bool]:
-    (first, *_) = experiment.records.values()
-    records = {f"r{k}": replace(first, name=f"r{k}", use=use) for k, use in enumerate(uses)}
-    made = replace(experiment, records=records)
-    return {name: is_test(made, record) for name, record in records.items() if record.use != "fit"}
-
-
-def test_the_last_record_is_the_test_unless_it_is_named() -> None:
-    given = load_experiment("receiver_rig/choked")
-    assert with_uses(given, ["fit", "validate"]) == {"r1": True}
-    assert with_uses(given, ["fit", "validate", "validate"]) == {"r1": False, "r2": True}
-    assert with_uses(given, ["fit", "test", "validate"]) == {"r1": True, "r2": False}
-    only = replace(given, records={"a": replace(next(iter(given.records.values())), name="a", use="fit")})
-    assert is_test(only, only.records["a"])  # what is held out of it
+def test_only_records_that_are_marked_as_test_take_no_part_in_the_choice(base: Base) -> None:
+    experiment = base.problem.experiment
+    held = next(r for r in experiment.records.values() if r.use != "fit")
+    marked = replace(experiment, records={**experiment.records, held.name: replace(held, use="test")})
+    problem = Residuals(marked, runs=base.problem.runs)
+    errors = predictive_errors(problem, base.inner, base.exact, base.r)
+    assert errors.samples(SELECTION) == 0 < errors.samples(TEST)
 
 
 @pytest.mark.parametrize(("explained", "beaten", "complete", "stands"), [

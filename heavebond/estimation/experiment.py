@@ -168,15 +168,6 @@ class Experiment:
         return record.use == "fit" and all(r.use == "fit" for r in self.records.values())
 
 
-def is_test(experiment: Experiment, record: Record) -> bool:
-    """Whether what was not fitted of a record is test data, which no choice of a diagnosis depends on, and not selection
-    data: of records with `use: test`, where there are any, else of the last one that is not fitted. Where all records are
-    fitted, the blocks held out of them are test data."""
-    checking = [r for r in experiment.records.values() if r.use != "fit"]
-    named = [r for r in checking if r.use == "test"]
-    return any(r.name == record.name for r in named or checking[-1:]) if checking else True
-
-
 def with_inputs_moved(experiment: Experiment, to: Dictionary[str, str]) -> Experiment:
     """The experiment with what drives some inputs driving others instead, by the names of both."""
     def there(inputs: Dictionary[str, FileInput]) -> dict[str, FileInput]:

@@ -36,7 +36,6 @@ from numpy.typing import NDArray
 
 from heavebond.core.errors import ModelError, SimulationError, StartError
 from heavebond.diagnosis.decision import DECISION
-from heavebond.estimation.experiment import is_test
 from heavebond.estimation.fitting import own_start
 from heavebond.estimation.residuals import BROKEN, Residuals, Run
 from heavebond.numerics.dae import Array
@@ -240,7 +239,7 @@ def _held_out(problem: Residuals, inner: Array, exact: Mapping[str, Run]) -> Ite
             r = run.held_out(values)[0]
         except (ModelError, SimulationError, StartError):
             r = np.full(int(which.sum()), BROKEN)
-        yield _series(which, r, TEST if is_test(experiment, record) else SELECTION)
+        yield _series(which, r, TEST if record.use == "test" else SELECTION)
 
 
 def _series(which: NDArray[np.bool_], r: Array, role: int) -> Series:
