@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from heavebond.diagnosis.candidates.catalogue import single_candidates
+import heavebond as hb
+from heavebond.diagnosis.candidates.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.diagnose import diagnose
 from heavebond.diagnosis.search.base_model import Base, searched
 from heavebond.diagnosis.search.refit import Refit, begun, followed
 from heavebond.diagnosis.search.schedule import planned
 from heavebond.diagnosis.search.scoring import scored
-from heavebond.diagnosis.search.step import fitted_base
+from heavebond.diagnosis.search.step import _reverses, fitted_base
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.experiment import load_experiment
+from heavebond.language.edits import Change
 from heavebond.numerics.dae import Array
 
 STEP, SAMPLES = 0.02, 800
@@ -247,3 +249,33 @@ def test_an_effect_that_is_absent_where_its_refit_ends_is_not_named(tmp_path: Pa
     assert [f.kinds for f in found.findings] == [("unbalance",)]
     assert found.ladder[-1].chi2_held_out < 1.1  # 3750 samples: 1 +- 0.023
     assert found.findings[0].fit.values["unbalance.M"] == pytest.approx(0.08, rel=1e-3)
+
+
+@pytest.mark.parametrize(("torque", "turns"), [("0.2 N*m*sin(3*time/(1 s))", True), ("0.2 N*m", False)])
+def test_a_motion_that_turns_back_is_seen_without_a_position(tmp_path: Path, torque: str, turns: bool) -> None:
+    """No equation of this diagram uses the angle of the shaft."""
+    (tmp_path / "shaft.yaml").write_text("""model: shaft
+components:
+  motor: {is: TorqueSource, u: "=TORQUE"}
+  wheel: {is: Inertia, J: 0.01 kg*m**2}
+  oil:   {is: RotationalDamper, d: 0.05 N*m*s/rad}
+  frame: {is: FixedShaft}
+nodes: {shaft: [motor.a, wheel.a, oil.a], frame: [oil.b, frame.a]}
+initial: {shaft.w: 0 rad/s}
+show: {w: {is: shaft.w, unit: rad/s}, u: {is: motor.u, unit: N*m}}
+simulate: {until: 4 s, every: 20 ms}
+""".replace("TORQUE", torque))
+    run = hb.simulate(hb.load(tmp_path / "shaft.yaml"))
+    rows = np.column_stack([run.time, np.asarray(run["u"]), np.asarray(run["w"])])
+    np.savetxt(tmp_path / "rec.csv", rows, delimiter=",", header="t,u,w", comments="")
+    (tmp_path / "e.yaml").write_text("""experiment: shaft
+model: shaft.yaml
+records: {a: {file: rec.csv, use: fit}}
+time: {column: t, unit: s}
+inputs: {motor.u: {column: u, unit: N*m, interpolation: linear}}
+outputs: {shaft.w: {column: w, unit: rad/s, noise: 0.01 rad/s}}
+free: {oil.d: 0.05 N*m*s/rad +- 20 %}
+""")
+    base = fitted_base(hb.load_experiment(tmp_path / "e.yaml"))
+    candidate = Candidate("n", "C", "", "", "", ("shaft", "frame"), Change(), (), "across")
+    assert _reverses(candidate, base) == turns

@@ -327,7 +327,8 @@ def _alternatives(finding: AddedEffect, classes: int = MENTIONED) -> str:
     apart = "; or " if any(len(places) > 1 for places in found.values()) else " or "
     said = [f"{kind} {_either(places)}".strip() for kind, places in [*found.items()][:classes]]
     more = len(found) - len(said)
-    return apart.join([*said, *([f"one of {counted(more, 'other class', 'other classes')}"] if more else [])])
+    others = [] if more <= 0 else ["another class"] if more == 1 else [f"one of {more} other classes"]
+    return apart.join([*said, *others])
 
 
 def _either(places: Sequence[str]) -> str:

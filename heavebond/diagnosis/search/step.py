@@ -403,11 +403,13 @@ def _reverses(candidate: Candidate, base: Base) -> bool:
     vibration: the path is longer than the distance from its start to its end."""
     for run in (base.exact[run.record.name] for run in base.problem.runs):
         nodes = nodes_of(run.assembly.flat)
-        ends = [nodes[name] for name in candidate.where if name in nodes and nodes[name].domain.positions]
+        ends = [nodes[name] for name in candidate.where if name in nodes and nodes[name].mechanical]
         result = run.simulator.run(base.problem.values_of(base.inner, run.record.name))
-        courses = [result.si[f"{node.name}.{node.domain.positions[0]}"] for node in ends]
-        course = courses[0] - (courses[1] if len(courses) > 1 else 0.0) if courses else np.zeros(1)
-        if float(np.abs(np.diff(course)).sum()) > ONE_WAY * abs(float(course[-1] - course[0])) or not courses:
+        # of the speeds, as a diagram has positions only if an equation uses them
+        speeds = [result.si[f"{node.name}.{node.across}"] for node in ends]
+        speed = speeds[0] - (speeds[1] if len(speeds) > 1 else 0.0) if speeds else np.zeros(len(result.time))
+        path, distance = (abs(float(np.trapezoid(x, result.time))) for x in (np.abs(speed), speed))
+        if path > ONE_WAY * distance or not speeds:
             return True
     return False
 
