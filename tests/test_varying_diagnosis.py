@@ -162,3 +162,5 @@ def test_a_variation_that_does_not_reach_the_noise_must_leave_several_times_less
 
     varied = trial(variation, "parameter")
     assert (dispensable_variations([trial(law, "across"), varied]) == []) == kept
+    # after the first step only one that reaches the noise counts
+    assert (dispensable_variations([trial(law, "across"), varied], first=False) == []) == (variation == 1.0)
