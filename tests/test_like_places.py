@@ -14,7 +14,7 @@ from heavebond.diagnosis.candidates.places import candidates
 from heavebond.diagnosis.search.schedule import beyond_their_members
 from heavebond.diagnosis.search.scoring import motion_ranges, scored
 from heavebond.diagnosis.search.step import fitted_base, single
-from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.experiment import Experiment, changed_experiment, load_experiment
 from heavebond.language.model import load
 from heavebond.numerics.simulation import simulate
 
@@ -120,3 +120,15 @@ def test_one_amplitude_at_both_places_explains_what_neither_does_alone(chain: Ex
     assert beyond_their_members(scores) == scores
     lesser = [replace(s, z=0.0) if s.candidate is both else s for s in scores]
     assert {s.candidate.label for s in beyond_their_members(lesser)} == set(both.members)
+
+
+def test_a_law_takes_the_place_of_all_parts_of_a_kind_with_common_new_parameters(chain: Experiment) -> None:
+    (damper,) = joint(chain, "NonlinearDamper")
+    assert damper.place == "in place of d1 and in place of d2"
+    assert {n.name: n.parts for n in damper.numbers} == {f"d1.{key}": ("d2",) for key in ("k", "r", "v_k")}
+    changed = changed_experiment(chain, damper.change).model.body.instances
+    assert changed["d2"].kind == "NonlinearDamper"
+    # its two conductances are values of each damper, so that nothing would be in common
+    assert not joint(chain, "ShockAbsorber")
+    # the diagram with both can be simulated, and explains a part of what friction on both carts does
+    assert max(score.gain for score in scored(fitted_base(chain), damper)) > 0

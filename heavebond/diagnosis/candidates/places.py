@@ -14,11 +14,12 @@ numbers at the further places are formulas of those at the first, so that as man
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from heavebond.diagnosis.candidates.catalogue import (
     Candidate,
+    EffectNumber,
     Site,
     distant_candidates,
     fresh,
@@ -102,7 +103,7 @@ def _grounds(site: Site, domain: str) -> list[str]:
 
 
 Signature = tuple[object, ...]
-LAWS = ("across", "at", "in series", "in")  # ways to attach that are considered: not sensors, nor replacements
+LAWS = ("across", "at", "in series", "in", "replaces")  # ways to attach that are considered: not sensors
 
 
 def candidates(experiment: ExperimentOrFile, excluded: dict[str, str] | None = None, site: Site | None = None
@@ -164,6 +165,9 @@ def _signature(site: Site, candidate: Candidate, kinds: Mapping[str, frozenset[s
     law = (candidate.component, candidate.kind, candidate.attaches)
     if candidate.attaches == "in":
         return (*law, candidate.name.rpartition(".")[2])
+    if candidate.attaches == "replaces":
+        shared = len(_taken_over(site, candidate)) < len(candidate.numbers)
+        return (*law, site.expanded.leaves[candidate.where[0]].component.name) if shared else ()
     if candidate.attaches not in LAWS or effect is None or effect.also:
         return ()
     if candidate.attaches == "in series":
@@ -186,14 +190,20 @@ def _joined(site: Site, group: Sequence[Candidate]) -> Candidate:
     own = site if site.apart else replace(site, taken={*site.taken, *first.change.components})
     change = first.change
     parts: list[str] = []
+    numbers = {n.name.rpartition(".")[2]: n for n in first.numbers}
+    apart = _taken_over(site, first)
+    further: list[EffectNumber] = []
     for other in others:
         more, part = (_with_numbers_of(first, other), other.where[0]) if first.attaches == "in" else \
+            _replacing_alike(first, other, numbers.keys() - apart) if first.attaches == "replaces" else \
             _following(own, first, other)
         change, parts = change.joined(more), [*parts, part]
+        further += [n for n in other.numbers if n.name.rpartition(".")[2] in apart]
     where = tuple(dict.fromkeys(name for candidate in group for name in candidate.where))
     place = " and ".join(c.place for c in group)
     return replace(first, place=place, where=where, change=change, acts="", members=tuple(c.label for c in group),
-                   numbers=tuple(replace(n, parts=tuple(parts)) for n in first.numbers))
+                   numbers=(*(n if key in apart else replace(n, parts=tuple(parts)) for key, n in numbers.items()),
+                            *further))
 
 
 def _with_numbers_of(first: Candidate, other: Candidate) -> Change:
@@ -201,6 +211,20 @@ def _with_numbers_of(first: Candidate, other: Candidate) -> Change:
     owner, another = (c.name.rpartition(".")[0] for c in (first, other))
     return Change(settings={f"{another}.{key}": f"={owner}.{key}"
                             for key in (n.name.rpartition(".")[2] for n in first.numbers)})
+
+
+def _taken_over(site: Site, candidate: Candidate) -> set[str]:
+    """The numbers of a replacement that begin at a value of the part before: they are of each part, and not in common."""
+    effect = site.experiment.model.library.component(candidate.component).effect_of(candidate.attaches, candidate.old)
+    start = effect.start if effect is not None and candidate.attaches == "replaces" else {}
+    return {key for n in candidate.numbers if (key := n.name.rpartition(".")[2]) in start and "old." in start[key].text}
+
+
+def _replacing_alike(first: Candidate, other: Candidate, shared: Collection[str]) -> tuple[Change, str]:
+    """The change that puts the law in the place of another part, with the `shared` numbers of the first; and that part."""
+    part = other.change.components[other.name]
+    values = {key: f"={first.name}.{key}" if key in shared else text for key, text in part.values.items()}
+    return Change({other.name: Part(part.kind, values)}), other.name
 
 
 def _following(site: Site, first: Candidate, other: Candidate) -> tuple[Change, str]:
