@@ -273,14 +273,17 @@ def _extended(way: Selection, made: Stage) -> list[Selection]:
 
 def _without_absent(way: Selection) -> Selection:
     """The ladder without its last effect where this is absent and the ladder without it does as well from the values found
-    beside it."""
+    beside it: by its merit, or on the fitted records if it leaves nearly noise. (A motion that is sensitive to its start may
+    differ by more than the merits allow on other records, with values that the fit cannot tell apart.)"""
     chosen = way[-1].chosen
     if len(way) < 2 or not chosen.absent:
         return way
     before = way[-2]
     found = refitted_from(fitted_base(before.step.experiment), before.candidate, replace(chosen, candidate=before.candidate))
     shorter = way[:-1] if found is None else _with_last(way[:-1], found)
-    return shorter if _merit(shorter) < _merit(way) + DECISIVE else way
+    trial = shorter[-1].chosen
+    as_good = trial.bic < chosen.bic + DECISIVE and not max(trial.chi2_fit, trial.chi2_held_out) > DECISION.near
+    return shorter if as_good or _merit(shorter) < _merit(way) + DECISIVE else way
 
 
 def _beside_calibration(made: Stage, ways: Sequence[Selection], calibrating: Calibrating, left: Callable[[], float]
