@@ -108,7 +108,7 @@ def test_a_search_that_is_ended_among_values_begins_nothing_more(too_heavy: Expe
         if text.startswith("trying other values") and "scoring 1 " in text:
             raise KeyboardInterrupt
 
-    said = diagnose(too_heavy, classes=["dry friction", "value of a parameter"], number=1, progress=say)
+    said = diagnose(too_heavy, classes=["quadratic damping", "value of a parameter"], number=1, progress=say)
     assert (said.verdict, said.shape) == ("undetermined", None)
 
 

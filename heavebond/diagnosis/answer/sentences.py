@@ -324,7 +324,7 @@ def _alternatives(finding: AddedEffect, classes: int = MENTIONED) -> str:
     """The first classes and places that a finding may be, and how many more there are: `dry friction at the wall or at the
     floor; or backlash in the gear`."""
     found = _places(finding)
-    apart = "; or " if any(len(places) > 1 for places in found.values()) else " or "
+    apart = "; or " if classes > 1 and any(len(places) > 1 for places in found.values()) else " or "
     said = [f"{kind} {_either(places)}".strip() for kind, places in [*found.items()][:classes]]
     more = len(found) - len(said)
     others = [] if more <= 0 else ["another class"] if more == 1 else [f"one of {more} other classes"]
