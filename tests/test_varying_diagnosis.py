@@ -164,3 +164,14 @@ def test_a_variation_that_does_not_reach_the_noise_must_leave_several_times_less
     assert (dispensable_variations([trial(law, "across"), varied]) == []) == kept
     # after the first step only one that reaches the noise counts
     assert (dispensable_variations([trial(law, "across"), varied], first=False) == []) == (variation == 1.0)
+
+
+def test_a_variation_is_tried_by_hand_at_a_parameter_and_a_variable(tmp_path):
+    line = 'vary: {damper.d: "=1 + 0.4*smooth_sign(damper.v, 1 mm/s)"}\n'
+    path = records(tmp_path, (line, line))
+    tried = hb.attempt(path, "VariationByDirection", ["damper.d", "damper.v"])
+    assert tried.earned and tried.finding.candidate.place == "of damper.d with damper.v"
+    # the interval of k in this fit is +- 0.03
+    assert tried.finding.parameters[0].value == pytest.approx(0.4, abs=0.06)
+    with pytest.raises(hb.UsageError, match="fits at several places"):
+        hb.attempt(path, "VariationByDirection")

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 @click.argument("experiment")
 @click.argument("component")
 @click.option("--between", nargs=2, metavar="NODE NODE", help="The two nodes between which it stands.")
-@click.option("--at", "at", metavar="NAME", multiple=True, help="The node, part or output at which it stands.")
+@click.option("--at", "at", metavar="NAME", multiple=True,
+              help="The node, part or output at which it stands; of a factor the parameter and the variable.")
 @click.option("--write", "written", metavar="FOLDER|FILE", type=click.Path(path_type=Path),
               help="Write the diagram with the effect, and the experiment on it, into FOLDER (made if needed), or the "
               "experiment as FILE.yaml. Names of earlier results are counted up.")
@@ -28,7 +29,9 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     """Add COMPONENT to the diagram of EXPERIMENT, estimate all free parameters with it, and show the errors.
 
     COMPONENT has an `effect:` entry (`heavebond candidates EXPERIMENT` lists those that fit), or is a dormant parameter
-    such as cylinder.leakage, or a number that the diagram holds fixed such as crown.m.
+    such as cylinder.leakage, or a number that the diagram holds fixed such as crown.m. A parameter that varies is tried by
+    LinearVariation, PiecewiseVariation or another factor, with the parameter and the variable as places:
+    --at spring.c --at spring.s.
     """
     from heavebond.commands import terminal
     from heavebond.diagnosis.answer.files import write_findings

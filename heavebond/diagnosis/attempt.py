@@ -13,11 +13,13 @@ from heavebond.diagnosis.answer.confirm import at_fit, confirmed, first_entries,
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.fixed_values import fixed_values
 from heavebond.diagnosis.candidates.places import between_all_nodes, candidates
+from heavebond.diagnosis.candidates.varying import varying_parameters
+from heavebond.diagnosis.search.base_model import searched
 from heavebond.diagnosis.search.step import single
 from heavebond.diagnosis.search.stepwise import SelectedEffect
 from heavebond.diagnosis.state import AddedEffect, LadderEntry
 from heavebond.estimation.experiment import ExperimentOrFile
-from heavebond.estimation.fitting import fit
+from heavebond.estimation.fitting import Fit, fit
 
 
 @dataclass(frozen=True)
@@ -44,23 +46,33 @@ def attempt(experiment: ExperimentOrFile, component: str, places: Sequence[str] 
 
     `attempt("rig.yaml", "CoulombFriction", ["platform", "crown"])`. `component` is the name of a component with an
     `effect:`, of a dormant parameter (`cylinder.leakage`) or of a fixed one (`crown.m`); `places` name nodes, parts or
-    outputs until one place is left. Values of the result are in SI. `progress` is called with a text at each step.
-    Raises UsageError where no place or several fit, and whatever `fit` raises.
+    outputs until one place is left. A component whose effect attaches to a parameter (`LinearVariation`) has the parameter
+    and the variable as its places, `["spring.c", "spring.s"]`. Values of the result are in SI. `progress` is called with a
+    text at each step. Raises UsageError where no place or several fit, and whatever `fit` raises.
     """
     experiment, _ = loaded(experiment)
     say = progress or (lambda text: None)
     values = [c for c in fixed_values(experiment) if c.name == component]
     distant = [c for c in between_all_nodes(experiment) if set(c.where) <= set(places)]
-    chosen = _named([*candidates(experiment), *distant, *values], component, places)
-    base = fit(experiment, progress=say) if experiment.free else None
+    varies = any(c.name == component and c.effect is not None and "parameter" in c.effect.attaches
+                 for c in experiment.model.library.effects())
+    base: Fit | None = None
+    if varies:  # which parameters move the channels, and which variables move, is seen in the fitted model
+        base = fit(experiment, progress=say) if experiment.free else None
+        problem = searched(at_fit(experiment, base))
+        found = list(varying_parameters(problem, problem.start).candidates)
+    else:
+        found = [*candidates(experiment), *distant, *values]
+    chosen = _named(found, component, places)
+    base = fit(experiment, progress=say) if experiment.free and base is None else base
     rungs = first_entries(experiment, base)
     made = single(at_fit(experiment, base), chosen, say)
     if made.chosen is None and not made.trials:
         raise UsageError([Problem("try-broken", f"the diagram with {chosen.label} cannot be simulated", None,
                                   "Try another place, or attach it in a diagram of your own and run that.")])
     trial = made.trials[0]
-    found = confirmed(SelectedEffect(replace(made, chosen=trial), (trial,)), experiment)
-    return Attempt((*rungs, found.rung), found, trial.bic - made.bic, made.chosen is not None)
+    added = confirmed(SelectedEffect(replace(made, chosen=trial), (trial,)), experiment)
+    return Attempt((*rungs, added.rung), added, trial.bic - made.bic, made.chosen is not None)
 
 
 def _named(found: Sequence[Candidate], component: str, places: Sequence[str]) -> Candidate:
@@ -68,7 +80,7 @@ def _named(found: Sequence[Candidate], component: str, places: Sequence[str]) ->
     kinds = [c for c in found if component in (c.component, c.name)]
     if not kinds and any(c.kind == component for c in found):
         alike = [c for c in found if c.kind == component]
-        laws = dict.fromkeys(c.component for c in alike if _at_all(places, {*c.where, *c.change.nodes}))
+        laws = dict.fromkeys(c.component for c in alike if _at_all(places, _places_of(c)))
         raise UsageError([Problem("try-class", f"'{component}' is a class of effects, not one of them", None,
                                   f"Try {listing(laws, 8)}." if laws else "`heavebond candidates` lists where it fits.")])
     if len(set(places)) < len(places):
@@ -78,7 +90,7 @@ def _named(found: Sequence[Candidate], component: str, places: Sequence[str]) ->
         names = dict.fromkeys([*(c.component for c in found), *(c.name for c in found if c.attaches == "in")])
         raise UsageError([Problem("try-unknown", f"no effect '{component}' fits anywhere in this diagram", None,
                                   suggest(component, names) or "`heavebond candidates` lists what does.")])
-    here = [c for c in kinds if _at_all(places, {*c.where, *c.change.nodes})]
+    here = [c for c in kinds if _at_all(places, _places_of(c))]
     exact = [c for c in here if _at_all(places, set(c.where)) and len(places) == len(c.where)]
     if len(here) == 1 or len(exact) == 1:
         return (exact or here)[0]
@@ -88,6 +100,14 @@ def _named(found: Sequence[Candidate], component: str, places: Sequence[str]) ->
                                   f"It fits {listed}.")])
     raise UsageError([Problem("try-places", f"{component} fits at several places", None,
                               f"Say which, with --between NODE NODE or --at NAME: {listed}.")])
+
+
+def _places_of(candidate: Candidate) -> set[str]:
+    """The names by which the place of a candidate may be told: nodes and parts, of a variation the parameter and the
+    variable."""
+    if candidate.change.vary:
+        return {*candidate.change.vary, candidate.place.rpartition(" with ")[2]}
+    return {*candidate.where, *candidate.change.nodes}
 
 
 def _at_all(places: Sequence[str], known: set[str]) -> bool:
