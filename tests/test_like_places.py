@@ -11,6 +11,7 @@ import pytest
 import heavebond as hb
 from heavebond.diagnosis.candidates.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.candidates.places import candidates
+from heavebond.diagnosis.search.refit_starts import RefitStarts
 from heavebond.diagnosis.search.schedule import beyond_their_members
 from heavebond.diagnosis.search.scoring import motion_ranges, scored
 from heavebond.diagnosis.search.step import fitted_base, single
@@ -132,3 +133,12 @@ def test_a_law_takes_the_place_of_all_parts_of_a_kind_with_common_new_parameters
     assert not joint(chain, "ShockAbsorber")
     # the diagram with both can be simulated, and explains a part of what friction on both carts does
     assert max(score.gain for score in scored(fitted_base(chain), damper)) > 0
+
+
+def test_an_amplitude_that_no_score_moves_has_a_range_around_a_neutral_value_of_zero(chain: Experiment) -> None:
+    damper = next(c for c in single_candidates(chain) if c.label == "NonlinearDamper in place of d1")
+    base = fitted_base(chain)
+    guesses = [score for score in scored(base, damper) if "d1.r" not in score.along]
+    ranges = RefitStarts(base, damper, guesses, base.runs(damper.change, [])).ranges
+    # the limits of the parameter itself
+    assert guesses and ranges["d1.r"] == (-20.0, 1.0)

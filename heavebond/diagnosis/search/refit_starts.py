@@ -124,7 +124,7 @@ class RefitStarts:
             scales = [self._scale(g) for g in self.guesses if number.name in g.along]
             if not scales and self.guesses and not number.neutral_of:
                 continue
-            widest = WIDE * max(scales, default=abs(number.neutral) if number.neutral_of else 1.0)
+            widest = WIDE * max(scales, default=abs(number.neutral) or 1.0)
             low = number.neutral - widest if number.low is None else max(number.low, number.neutral - widest)
             high = number.neutral + widest
             found[number.name] = (low, high if number.high is None else min(high, number.high))
