@@ -14,6 +14,9 @@ import heavebond as hb
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.places import candidates
 from heavebond.diagnosis.candidates.varying import varying_parameters
+
+
+from heavebond.diagnosis.answer.files import Targets, write_findings
 from heavebond.diagnosis.diagnose import diagnose
 from heavebond.diagnosis.evidence.comparison import dispensable_variations
 from heavebond.diagnosis.evidence.prediction import FITTED, PredictiveErrors
@@ -175,3 +178,70 @@ def test_a_variation_is_tried_by_hand_at_a_parameter_and_a_variable(tmp_path):
     assert tried.finding.parameters[0].value == pytest.approx(0.4, abs=0.06)
     with pytest.raises(hb.UsageError, match="fits at several places"):
         hb.attempt(path, "VariationByDirection")
+
+
+TANK_LINE = """model: line
+components:
+  pump:   {is: FlowSource, u: "=FLOW"}
+  line:   {is: Volume, V: 4 L, beta: 1.3 GPa}
+  cooler: {is: LineResistance, R: 60e9 Pa*s/m**3}
+  tank:   {is: Tank}PARTS
+nodes:
+  line: [pump.a, line.a, cooler.aPORT]
+  tank: [cooler.b, tank.aEND]
+initial: {line.p: 100 bar}
+show: {p: {is: line.p, unit: bar}, q: {is: pump.u, unit: L/min}}
+simulate: {until: 20 s, every: 100 ms}
+"""
+LINE_RECORDS = """experiment: line
+model: line.yaml
+records:
+  first: {file: first.csv, use: fit}
+  second: {file: second.csv, use: fit}
+  third: {file: third.csv, use: validate}
+time: {column: t, unit: s}
+inputs:
+  pump.u: {column: q, unit: L/min, interpolation: spline}
+outputs:
+  line.p: {column: p, unit: bar, noise: 0.2 bar}
+free:
+  cooler.R: 60e9 Pa*s/m**3 +- 10 %
+  line.beta: 1.3 GPa +- 20 %
+"""
+
+
+def leaking(folder: Path, onsets: tuple[str, str, str], conductance: str = "1.5e-12") -> Path:
+    """The experiment on three records of a line that leaks to the tank from a time on."""
+    random = np.random.default_rng(5)
+    for k, (name, onset) in enumerate(zip(("first", "second", "third"), onsets, strict=True)):
+        flow = f"10 L/min + 3 L/min*sin({1.1 + 0.2*k}*time/(1 s)) + 2 L/min*sin({3.1 - 0.4*k}*time/(1 s) + {k})"
+        parts = f'\n  seal: {{is: LaminarLeakage, C: {conductance} m**3/(s*Pa)}}'
+        text = TANK_LINE.replace("FLOW", flow).replace("PARTS", parts).replace("PORT", ", seal.a").replace("END", ", seal.b")
+        result = hb.simulate(hb.loads(text + f'vary: {{seal.C: "=(1 + tanh((time - {onset})/(50 ms)))/2"}}\n'))
+        p = result.display["p"] + random.normal(0, 0.2, len(result.time))
+        rows = np.column_stack([np.asarray(result.time), result.display["q"], p])
+        np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header="t,q,p", comments="", fmt="%.9g")
+    (folder / "line.yaml").write_text(TANK_LINE.replace("=FLOW", "10 L/min").replace("PARTS", "").replace("PORT", "")
+                                      .replace("END", ""))
+    path = folder / "experiment.yaml"
+    path.write_text(LINE_RECORDS)
+    return path
+
+
+def test_a_leakage_that_begins_at_another_time_in_each_record_is_named_with_these_times_and_written(tmp_path):
+    diagnosis = found(leaking(tmp_path, ("12 s", "-5 s", "6.5 s")), "leakage")
+    finding = diagnosis.findings[0]
+    assert diagnosis.verdict == "effect" and finding.candidate.kind == "leakage"
+    times = {record: values["onset_" + finding.candidate.name + ".t_0"]
+             for record, values in finding.fit.record_values.items()}
+    # the records are sampled every 0.1 s
+    assert times["first"] == pytest.approx(12, abs=0.05) and times["third"] == pytest.approx(6.5, abs=0.05)
+    assert times["second"] < 0
+    said = next(word for word in diagnosis.words if word.startswith("The effect begins at"))
+    assert said.endswith(" s in record third (fitted to this record), and acts in the whole record second.")
+    given = hb.load_experiment(tmp_path / "experiment.yaml")
+    written = write_findings(given, diagnosis.added, Targets.beside(given, tmp_path))[-1]
+    # 200 samples: chi-square per sample is 1 +- 0.1
+    assert all(0.7 < record.chi2 < 1.3 for record in hb.compare(written).records.values())
+    fitted = {record: next(iter(values.values())) for record, values in hb.fit(written).record_values.items()}
+    assert fitted == pytest.approx(times, abs=0.05)

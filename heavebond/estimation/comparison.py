@@ -43,6 +43,7 @@ from heavebond.estimation.unit_and_sign_checks import (
     seems_in_another_unit,
     seems_of_another_sign,
 )
+from heavebond.language.definition import Value
 from heavebond.language import reading
 from heavebond.language.edits import quoted
 from heavebond.numerics.dae import Array, Assembly, assemble
@@ -384,17 +385,27 @@ def assemble_for(experiment: Experiment, record: Record) -> Assembly:
 
 def driven_by(assembly: Assembly, experiment: Experiment, own: Record, other: Record) -> Assembly | None:
     """The equations of record `own`, driven by the inputs of record `other`; None where the records differ in more than
-    their measured data (settings, conditions, units or interpolation of inputs)."""
+    their measured data (settings, conditions, units or interpolation of inputs), but for numbers that are free for `each`
+    record."""
+    own_names = {name for name, free in experiment.free.items() if free.each}
+    numbers: dict[str, float | str] = {}
+    for name in sorted(own_names & {*own.settings, *other.settings}):
+        value = other.settings[name].value if name in other.settings else None
+        if not isinstance(value, Value) or value.formula:
+            return None
+        numbers[name] = float(value.text) if value.si else value.text
+    common, apart = ({name: s for name, s in record.settings.items() if name not in own_names} for record in (own, other))
     given, before = experiment.inputs_for(other), experiment.inputs_for(own)
     flat = assembly.flat
-    alike = own.settings == other.settings and own.conditions == other.conditions and \
+    alike = common == apart and own.conditions == other.conditions and \
         given.keys() == before.keys() == {k.name for k in flat.inputs} and \
         all((g.unit, g.interpolation) == (before[name].unit, before[name].interpolation) for name, g in given.items())
     if not alike:
         return None
     inputs = tuple(replace(known, source=given[known.name]) for known in flat.inputs)
     expanded = replace(flat.expanded, model=experiment.model_for(other))
-    return replace(assembly, reduced=replace(assembly.reduced, flat=replace(flat, inputs=inputs, expanded=expanded)))
+    driven = replace(assembly, reduced=replace(assembly.reduced, flat=replace(flat, inputs=inputs, expanded=expanded)))
+    return driven.with_parameters(numbers)
 
 
 def _check_output(assembly: Assembly, name: str, output: Output, problems: Problems) -> None:

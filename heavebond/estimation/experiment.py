@@ -139,6 +139,19 @@ class Experiment:
         return replace(self, model=model, records={
             name: replace(record, settings={**record.settings, **given}) for name, record in self.records.items()})
 
+    def with_record_values(self, values: Dictionary[str, Dictionary[str, float | str]]) -> Experiment:
+        """The experiment with values of parameters and initial values (`initial.crown.x`) for single records, by the names of
+        these; in SI, or as text."""
+        records = dict(self.records)
+        for name, given in values.items():
+            model, record = self.model.with_parameters(given), records[name]
+            settings = {path: model.settings[path] for path in given if path in model.settings}
+            conditions = {state: model.initial.conditions[state] for path in given
+                          if (state := path.removeprefix("initial.")) != path}
+            records[name] = replace(record, settings={**record.settings, **settings},
+                                    conditions={**record.conditions, **conditions})
+        return replace(self, records=records)
+
     def model_for(self, record: Record) -> Model:
         """The model of one record: the diagram with the measured inputs, settings and initial values of that record."""
         settings = {**self.model.settings, **record.settings}
@@ -196,7 +209,8 @@ def changed_experiment(experiment: Experiment, change: Change) -> Experiment:
     free = {name: f for name, f in experiment.free.items() if not lost(name)}
     place = next(iter(experiment.records.values())).place
     free |= {name: Free(name, span, free[name].place if name in free else place, True) for name, span in change.each.items()}
-    return with_inputs_moved(replace(experiment, model=model, outputs=outputs, free=free), change.moved)
+    changed = replace(experiment, model=model, outputs=outputs, free=free).with_record_values(change.of_records)
+    return with_inputs_moved(changed, change.moved)
 
 
 ExperimentOrFile: TypeAlias = Experiment | str | Path
@@ -278,7 +292,7 @@ class _Reader:
             (found.time_column, found.time_unit)
         experiment = replace(
             found, time_column=time_column or "", time_unit=time_unit,
-            records={**found.records, **self._records(root.items.get("records"))},
+            records={**found.records, **self._records(root.items.get("records"), found.records)},
             inputs={**found.inputs, **self._inputs(root.items.get("inputs"))},
             outputs={**found.outputs, **self._outputs(root.items.get("outputs"), found.outputs)},
             free=self._free(root.items.get("free"), found.free), files=(*found.files, self.source.path))
@@ -297,11 +311,17 @@ class _Reader:
         entries = reading.mapping(node, what, self.problems)
         return [(name, entries.keys[name], item) for name, item in entries.items.items()] if entries else []
 
-    def _records(self, node: Node | None) -> dict[str, Record]:
+    def _records(self, node: Node | None, before: Dictionary[str, Record]) -> dict[str, Record]:
+        """The records; one of the extended experiment without a `file` gets further values under `set` and `initial`."""
         found = {}
         for name, key, item in self._entries(node, "records"):
             entry = reading.mapping(item, f"record '{name}'", self.problems)
-            if entry is not None:
+            if entry is not None and name in before and entry.items and set(entry.items) <= {"set", "initial"}:
+                settings = read_settings(entry.items.get("set"), self.source, self.problems)
+                conditions = read_conditions(entry.items.get("initial"), self.problems)
+                found[name] = replace(before[name], settings={**before[name].settings, **settings},
+                                      conditions={**before[name].conditions, **conditions})
+            elif entry is not None:
                 found[name] = self._record(name, key, entry)
         return found
 

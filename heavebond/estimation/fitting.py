@@ -15,7 +15,7 @@ the ends of ranges (C. Voglis, I. E. Lagaris, WSEAS 2004).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -24,7 +24,17 @@ import numpy as np
 from heavebond.core import facade
 from heavebond.core.cancellation import ENDED_EARLY, finishing, time_limit
 from heavebond.core.cluster import Cluster
-from heavebond.core.errors import HeavebondError, Place, Problem, SimulationError, UsageError, listing, suggest
+from heavebond.core.errors import (
+    HeavebondError,
+    ModelError,
+    Place,
+    Problem,
+    SimulationError,
+    StartError,
+    UsageError,
+    listing,
+    suggest,
+)
 from heavebond.core.kept_lines import KeptLines
 from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress
@@ -36,10 +46,12 @@ from heavebond.estimation.comparison import Comparison, RecordComparison, compar
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile, Free, Record, load_experiment
 from heavebond.estimation.identifiability import Identifiability, identifiability
 from heavebond.estimation.records import measure
-from heavebond.estimation.residuals import AT_END, Column, Descent, Residuals, Run
+from heavebond.estimation.residuals import AT_END, Column, Descent, Exceeded, Residuals, Run
 from heavebond.estimation.starts import Starts
 from heavebond.language.edits import Change, block, extended_from
+from heavebond.language.model import Model
 from heavebond.numerics.dae import Array
+from heavebond.numerics.quick_simulation import FitSimulator
 from heavebond.numerics.run_verdict import report_verdict as hear
 from heavebond.numerics.simulation import unfilled
 
@@ -47,6 +59,9 @@ NORMAL_95 = 1.959963984540054
 OWN_STARTS = 6  # points from the best of which the values of a held-out record of its own are estimated
 # Samples that suffice where these only tell how the record begins: later ones know less of it, and take as long to run.
 BEGINNING = 1000
+# Times on the grid on which an instant is sought, the share of its range at which the search ends, and the chi-square (two
+# standard deviations) by which an end of the range may be worse.
+INSTANTS, INSTANT, INSTANT_UNSEEN = 25, 1e-4, 4.0
 
 
 @dataclass(frozen=True)
@@ -107,10 +122,12 @@ class Fitted:
 @dataclass(frozen=True)
 class OwnValues:
     """Values of a held-out record that are its own (`each: record`), in SI, fitted to its first `seconds` with all other
-    values given; none where the model could not be simulated there, so that those of the diagram hold."""
+    values given; none where the model could not be simulated there, so that those of the diagram hold. `instants` are
+    those of them that were fitted to the whole record."""
 
     values: Mapping[str, float]
     seconds: float
+    instants: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -150,6 +167,15 @@ class Fit:
     def values(self) -> dict[str, float]:
         """Estimated parameters that are common to all records, by name, in SI."""
         return {p.name: p.value for p in self.parameters if not p.record}
+
+    @property
+    def record_values(self) -> dict[str, dict[str, float]]:
+        """Estimated values that each record has of its own, by the names of record and parameter, in SI."""
+        found: dict[str, dict[str, float]] = {name: dict(own.values) for name, own in self.held_out.items()}
+        for p in self.parameters:
+            if p.record:
+                found.setdefault(p.record, {})[p.name] = p.value
+        return found
 
     def as_dict(self) -> dict[str, object]:
         """Parameters (each with its unit and interval), correlations and errors as a dictionary of plain values."""
@@ -317,8 +343,11 @@ def own_start(experiment: Experiment, record: Record, values: Mapping[str, float
 def own_values(experiment: Experiment, record: Record, values: Mapping[str, float], like: Run | None = None) -> OwnValues:
     """Values of a held-out record that are its own, from its first tenth (from ten samples of each channel where that is
     longer), all other values given. Of initial values alone, from a thousand samples at most. `like` is a run of this
-    record with this diagram, where there is one: then it is neither read nor assembled again, and run as that is."""
+    record with this diagram, where there is one: then it is neither read nor assembled again, and run as that is. Times at
+    which something begins are not seen in the beginning of a record: they are sought on the whole record."""
     own = {n: f for n, f in experiment.free.items() if f.each}
+    if instants := [name for name in own if is_instant(experiment.model, name)]:
+        return _with_instants(experiment, record, values, instants, like)
     found = like.found if like is not None else measure(experiment, record)
     tenth = len(found.grid) // 10
     last = min(tenth, BEGINNING) if all(n.startswith("initial.") for n in own) else tenth
@@ -340,6 +369,70 @@ def own_values(experiment: Experiment, record: Record, values: Mapping[str, floa
     except HeavebondError:
         return OwnValues({}, max(ends) - found.grid[0])
     return OwnValues(problem.values_of(best.x, record.name), max(ends) - found.grid[0])
+
+
+def is_instant(model: Model, name: str) -> bool:
+    """Whether a parameter of the diagram is a time at which something begins (`instant`)."""
+    owner, _, key = name.rpartition(".")
+    instance = model.body.instances.get(owner)
+    parameter = model.library.component(instance.kind).parameters.get(key) if instance is not None else None
+    return parameter is not None and parameter.instant
+
+
+def _with_instants(experiment: Experiment, record: Record, values: Mapping[str, float], instants: Sequence[str],
+                   like: Run | None) -> OwnValues:
+    """Values of a held-out record of its own, with times among them at which something begins, which are sought one after
+    the other on the whole record: on a grid between the ends of their ranges, then around the best. At an end something
+    acts in the whole record, or not at all."""
+    others = replace(experiment, free={n: f for n, f in experiment.free.items() if f.each and n not in instants})
+    pinned = {k: v for k, v in values.items() if not k.startswith("initial.")}
+    own, seconds = dict[str, float](), 0.0
+    try:
+        whole = like.again([], pinned, type(like.simulator)) if like is not None else Run(
+            replace(experiment, model=experiment.model.with_parameters(pinned)), record, [], kind=FitSimulator)
+        own = {name: whole.assembly.parameter_values[name] for name in instants}
+        rounds = 2 if others.free or len(instants) > 1 else 1
+        for _ in range(rounds):
+            if others.free:
+                fitted = own_values(others, record, {**values, **own}, like)
+                own |= fitted.values
+                seconds = fitted.seconds
+            for name in instants:
+                span = experiment.free[name].range
+                own[name] = _best_instant(whole, {**values, **own}, name, span.low, span.high)
+    except HeavebondError:
+        return OwnValues({}, seconds)
+    return OwnValues(own, seconds, tuple(instants))
+
+
+def _best_instant(run: Run, values: Mapping[str, float], name: str, low: float, high: float) -> float:
+    """The time between `low` and `high` (s) with the least sum of squares on a record; an end of the range where that is no
+    worse by more than chance."""
+    from scipy.optimize import minimize_scalar
+
+    costs = dict[float, float]()
+
+    def cost(time: float, most: float = np.inf) -> float:
+        if time not in costs:
+            try:
+                r = run.residuals({**values, name: time}, most)[0]
+                costs[time] = float(r @ r)
+            except (ModelError, SimulationError, StartError, Exceeded):
+                return np.inf
+        return costs[time]
+
+    grid = np.linspace(low, high, INSTANTS)
+    for time in (values[name], *grid[[0, -1]], *grid[1:-1]):  # a run is ended where it leaves more than the best
+        cost(float(np.clip(time, low, high)), min(costs.values(), default=np.inf))
+    if not costs:
+        return values[name]
+    best = min(costs, key=lambda time: costs[time])
+    step = float(grid[1] - grid[0])
+    ends = max(low, best - step), min(high, best + step)
+    minimize_scalar(cost, bounds=ends, method="bounded", options={"xatol": INSTANT * (high - low)})
+    best = min(costs, key=lambda time: costs[time])
+    near = costs[best] + INSTANT_UNSEEN * max(1.0, costs[best] / max(1, int(run.counts.sum())))
+    return float(next((end for end in (low, high) if cost(end, near) <= near), best))
 
 
 def profile(result: Fit, name: str, *, progress: Progress | None = None) -> tuple[float, float]:

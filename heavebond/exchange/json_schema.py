@@ -107,7 +107,8 @@ def experiment() -> Schema:
     record = _object({
         "file": _said("CSV, Parquet or MAT file"), "use": {"enum": list(USES)}, "from": TIME, "to": TIME,
         "set": {"$ref": "#/definitions/settings"}, "initial": _each(QUANTITY), "inputs": {"$ref": "#/definitions/inputs"},
-        "outputs": _each(own)}, ["file", "use"])
+        "outputs": _each(own)})
+    record["anyOf"] = [{"required": ["file", "use"]}, {"propertyNames": {"enum": ["set", "initial"]}}]
     output = _object({
         "is": _said("a formula; without it the name itself", FORMULA), "column": _said("its name in the file"), "unit": UNIT,
         "noise": _said("standard deviation", QUANTITY), "file": TEXT, "time": TIME_AXIS,
@@ -159,6 +160,8 @@ def component_file(known: Library) -> Schema:
         "wakes_with": WORDS, "count": COUNT,
         "medium": _said("the property of the medium in its circuit that it is taken from"),
         "typical": _object({"range": TEXT, "source": TEXT}, ["source"], "between which values it commonly lies"),
+        "instant": _said("a time at which something begins or changes, which the beginning of a record does not tell; "
+                         "written without a value", {}),
         "width": _said("the width of a transition that makes a law smooth; written without a value", {}),
         "meaning": _said("the effect of another value in a sentence with fields, `Leakage of {C} in {part}.`")})
     variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,

@@ -184,7 +184,7 @@ class _Parser:
 
     def _parameter(self, key: Scalar, node: Mapping, variables: Dictionary[str, Variable]) -> Parameter:
         keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "search_range", "wakes_with", "count",
-                "medium", "width", "meaning", "typical")
+                "medium", "width", "meaning", "typical", "instant")
         integer = "integer" in node.items
         reading.known_keys(node, keys, f"parameter '{key.text}'", self.problems, () if integer else ("unit",))
         unit = DIMENSIONLESS if integer else reading.unit(node.items.get("unit"), self.problems)
@@ -204,7 +204,8 @@ class _Parser:
                          tuple(w.text for w in reading.words(node.items.get("wakes_with"), "wakes_with", self.problems)),
                          count, reading.text(node.items.get("medium"), "medium", self.problems), "width" in node.items,
                          columns, read_meaning(node.items.get("meaning"), self.problems),
-                         read_typical(node.items.get("typical"), unit or DIMENSIONLESS, key.text, self.problems))
+                         read_typical(node.items.get("typical"), unit or DIMENSIONLESS, key.text, self.problems),
+                         "instant" in node.items)
 
     def _variable(self, key: Scalar, node: Mapping) -> Variable:
         reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count", "nominal", "physical", "beyond"),

@@ -236,6 +236,7 @@ class Parameter:
     `neutral` is the value at which an effect is absent: such a parameter is a dormant effect, called `kind`, `sought`
     within a range when it wakes and with it those it `wakes_with`; `meaning` describes the effect with its value.
     `medium` names the parameter of the circuit's medium whose value it takes where it is not given.
+    An `instant` is a time at which something begins or changes: the beginning of a record does not tell it.
     A `width` is that of a transition which makes a law smooth: results should not depend on it. One in the unit of a speed
     is that of dry friction around rest.
     """
@@ -258,6 +259,7 @@ class Parameter:
     columns: Expr | None = None
     meaning: Meaning | None = None
     typical: Typical | None = None
+    instant: bool = False
 
 
 def rate_of(text: str) -> str | None:

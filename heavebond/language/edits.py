@@ -36,8 +36,8 @@ class Part:
 class Change:
     """What is added to a diagram: components by name, ends of nodes with their signs, values, initial values, the factors of
     parameters that `vary`; and to the experiment on it: `channels` maps outputs to the formulas that they equal now, `moved`
-    inputs to where their record goes now, and parameters that have a value of their own for `each` record to their
-    ranges."""
+    inputs to where their record goes now, parameters that have a value of their own for `each` record to their ranges, and
+    `of_records` records to such values, as they are written."""
 
     components: dict[str, Part] = field(default_factory=dict)
     nodes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -47,6 +47,7 @@ class Change:
     vary: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     moved: dict[str, str] = field(default_factory=dict)
     each: Mapping[str, Range] = field(default_factory=dict)
+    of_records: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def with_values(self, values: Mapping[str, str]) -> Change:
         """The same with other values of parameters, by full name, as they are written."""
@@ -73,9 +74,11 @@ class Change:
             nodes[name] = (*nodes.get(name, ()), *ends)
         vary = {name: tuple(dict.fromkeys((*self.vary.get(name, ()), *other.vary.get(name, ()))))
                 for name in (*self.vary, *other.vary)}
+        of_records = {name: {**self.of_records.get(name, {}), **other.of_records.get(name, {})}
+                      for name in (*self.of_records, *other.of_records)}
         return Change({**self.components, **other.components}, nodes, {**self.settings, **other.settings},
                       {**self.initial, **other.initial}, {**self.channels, **other.channels}, vary,
-                      {**self.moved, **other.moved}, {**self.each, **other.each})
+                      {**self.moved, **other.moved}, {**self.each, **other.each}, of_records)
 
     def diagram(self, name: str, summary: str, extends: str) -> str:
         """The text of the diagram that extends the one before."""

@@ -42,7 +42,7 @@ class Scalar:
 
 
 # keys written without a value, as in `{integer, min: 1}`
-FLAGS = ("integer", "width")
+FLAGS = ("integer", "width", "instant")
 
 
 @dataclass(frozen=True)

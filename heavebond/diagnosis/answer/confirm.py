@@ -54,9 +54,12 @@ def at_fit(experiment: Experiment, fitted: Fit | None) -> Experiment:
     """The experiment with the fitted values in its diagram; what is free keeps the value that was written there."""
     if fitted is None:
         return experiment
-    before = {p.name: p.before for p in fitted.parameters if not p.record}  # a record keeps its own value
+    before = {p.name: p.before for p in fitted.parameters if not p.record}  # a record keeps its own start
     free = {name: replace(f, given=before.get(name)) if f.given is None else f for name, f in experiment.free.items()}
-    return replace(experiment, model=experiment.model.with_parameters(fitted.values), free=free)
+    own = {record: {name: value for name, value in there.items() if not name.startswith("initial.")}
+           for record, there in fitted.record_values.items()}
+    changed = replace(experiment, model=experiment.model.with_parameters(fitted.values), free=free)
+    return changed.with_record_values(own)
 
 
 def confirmed(added: SelectedEffect, given: Experiment, seconds: float = inf, before: Comparison | None = None,

@@ -47,9 +47,13 @@ def finding_files(finding: AddedEffect, before: Experiment, model: Path, experim
             for name, p in sought.items()}
     free.update({name: FIXED for name in before.free if name not in finding.fit.experiment.free})
     free.update({name: free_text(f) for name, f in own.items()})
+    of_records = {record: [f"{name}: {quoted(own[name].range.unit.written(value))}" for name, value in there.items()
+                           if name in own and not name.startswith(INITIAL)]
+                  for record, there in finding.fit.record_values.items()}
     lines = [f"experiment: {quoted(f'{before.name}, with {candidate.kind} {candidate.place}')}",
              f"extends: {quoted(extended_from(experiment, before.path))}",
              f"model: {quoted(extended_from(experiment, model))}",
+             *block("records", {record: f"{{set: {{{', '.join(values)}}}}}" for record, values in of_records.items() if values}),
              *block("inputs", {**_smoothed_inputs(before), **{new: old for old, new in change.moved.items()}}),
              *block("outputs", {name: f"{{is: {quoted(formula)}}}" for name, formula in change.channels.items()}),
              *block("free", free)]

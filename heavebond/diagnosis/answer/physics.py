@@ -31,7 +31,7 @@ def physics(candidate: Candidate, library: Library, values: Mapping[str, float],
     Its component file has the sentence under `meaning:`; without one, the description with the parameters.
     """
     component = library.component(candidate.component)
-    if candidate.change.each:
+    if candidate.differs:
         return f"{listing(candidate.change.each)} has another value in some records."
     found = {p.name: p for p in fitted}
     effect = component.effect_of(candidate.attaches, candidate.old)

@@ -22,7 +22,7 @@ from itertools import pairwise
 from heavebond.core.errors import listing
 from heavebond.core.presentation import readable
 from heavebond.diagnosis.answer.physics import physics
-from heavebond.diagnosis.answer.variations import variation_words
+from heavebond.diagnosis.answer.variations import onset_words, variation_words
 from heavebond.diagnosis.answer.verdict import gone, held_out_or_fitted, without_effects
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.fixed_values import VALUE
@@ -420,7 +420,10 @@ def _meaning(best: Refit | AddedEffect, library: Library) -> str:
         values = {**best.fit.values, **{p.name: p.value for p in best.parameters}}
         if best.candidate.kind == VALUE:
             return _value_words(best)
-        return " ".join(variation_words([best])) or physics(best.candidate, library, values, best.parameters)
+        said, onset = variation_words([best]), onset_words(best)
+        if said in ([], [onset]):  # a law, perhaps from a time on
+            said = [physics(best.candidate, library, values, best.parameters), *said]
+        return " ".join(said)
     return physics(best.candidate, library, best.values)
 
 

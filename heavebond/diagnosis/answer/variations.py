@@ -8,9 +8,9 @@ import numpy as np
 
 from heavebond.core.errors import listing
 from heavebond.core.presentation import number, readable
-from heavebond.diagnosis.candidates.varying import unit_of_variable
+from heavebond.diagnosis.candidates.varying import SECOND, unit_of_variable
 from heavebond.diagnosis.state import AddedEffect
-from heavebond.estimation.fitting import Fitted
+from heavebond.estimation.fitting import Fitted, is_instant
 from heavebond.language.definition import FACTOR, Effect
 from heavebond.numerics.result import Probe
 
@@ -20,15 +20,46 @@ def variation_words(findings: Sequence[AddedEffect]) -> list[str]:
     said = []
     for finding in findings:
         change = finding.candidate.change
-        said += [_of_records(name, [p for p in finding.fit.parameters if p.name == name]) for name in change.each]
+        said += [_of_records(name, [p for p in finding.fit.parameters if p.name == name]) for name in change.each
+                 if finding.candidate.differs]
         effect = finding.fit.experiment.model.library.component(finding.candidate.component).effect
         for name, factors in change.vary.items():
-            said += [f"The effect begins at {_at(when)}." for when in finding.parameters
-                     if any(factor.rpartition(".")[0] == when.name.rpartition(".")[0] != finding.candidate.name
-                            for factor in factors)]
             if effect is not None and f"{finding.candidate.name}.{FACTOR}" in factors:
                 said.append(_of_factor(name, finding, effect))
+        said.append(onset_words(finding))
     return list(dict.fromkeys(line for line in said if line))
+
+
+def onset_words(finding: AddedEffect) -> str:
+    """When an effect begins in each record: at a time, before the begin of the record, or not at all; empty for an effect
+    without an onset."""
+    name = next((n for n in finding.candidate.change.each if is_instant(finding.fit.experiment.model, n)), "")
+    if not name:
+        return ""
+    fitted = {p.record: p for p in finding.fit.parameters if p.name == name}
+    held_out = {record: own.values[name] for record, own in finding.fit.held_out.items() if name in own.values}
+    at, whole, absent = list[str](), list[str](), list[str]()
+    for record, part in finding.fit.after.records.items():
+        when, beside = fitted.get(record), "" if record in fitted else " (fitted to this record)"
+        value = when.value if when is not None else held_out.get(record)
+        if value is None:
+            continue
+        begin, end = float(part.result.time[0]), float(part.result.time[-1])
+        if value <= begin:
+            whole.append(f"{record}{beside}")
+        elif value >= end:
+            absent.append(f"{record}{beside}")
+        else:
+            shown = _at(when) if when is not None else readable(value, SECOND.text, 3)
+            at.append(f"at {shown} in record {record}{beside}")
+    parts = [f"begins {_and(at)}" if at else "", f"acts in the whole record {_and(whole)}" if whole else "",
+             f"does not act in record {_and(absent)}" if absent else ""]
+    return f"The effect {', and '.join(part for part in parts if part)}." if any(parts) else ""
+
+
+def _and(names: Sequence[str]) -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _of_records(name: str, values: Sequence[Fitted]) -> str:

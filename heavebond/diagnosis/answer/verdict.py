@@ -69,7 +69,7 @@ def unexplained(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], 
 def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
             shape: AddedEffect | None, adequacy: Adequacy | None = None, complete: bool = True) -> str:
     """One of the seven; `complete`: all that could name what is left was tried."""
-    if findings and _astray([without_effects(ladder, findings)]) and all(f.candidate.change.each for f in findings):
+    if findings and _astray([without_effects(ladder, findings)]) and all(f.candidate.differs for f in findings):
         return "effect"  # a held-out record differs in a parameter
     if not steps[0].left.significant or (complete and shape is None and not findings and _refuted(steps)):
         if is_still(ladder[0]) or steps[0].partial or _astray(ladder):

@@ -120,6 +120,11 @@ class Candidate:
         from one record to the next."""
         return self.attaches == "parameter" or bool(self.change.each)
 
+    @property
+    def differs(self) -> bool:
+        """Whether it is a parameter of the diagram with a value of its own for each record."""
+        return bool(self.change.each) and not self.numbers
+
     def acts_on(self, effects: Sequence[Candidate]) -> bool:
         """Whether it changes one of these effects instead of the machine: it takes the place of a part of theirs, stands in
         series with it, or wakes or varies a parameter of it; or it is a second factor of a parameter over one variable."""

@@ -51,8 +51,12 @@ class VaryingConstants:
     variables: variables at most with which one parameter varies. Origin: time of a search. Doubled: up to twice the scores.
     inside: share of the duration at its beginning and end in which no change of a parameter is sought. Origin: a change
         there is shown by a twentieth of the samples at most. Doubled: later first changes.
-    around: share of the duration on either side of the best time of a scan in which an onset is sought. Origin: several
-        distances of the grid. Doubled: more time is searched, with more local minima.
+    width: width of the transition of an onset, in half durations of the shortest record. Origin: half the distance of the
+        times of the scan (`search.onset`), so that a refit from the best of them feels the transition. Doubled: an abrupt
+        onset leaves more.
+    beyond: half durations of the shortest record before the begin and after the end of a record at which an onset may lie.
+        Origin: five widths of its transition, so that the effect acts in the whole record, or in no part of it, to 1e-4.
+        Doubled: the same.
     between: times and parts of its value that a fixed parameter may have in one record. Origin: more is another machine.
         Doubled: a wider search.
     most: candidates at most. Origin: as many as the rest of the catalogue of a rig of ten parts. Doubled: twice the time.
@@ -64,7 +68,8 @@ class VaryingConstants:
     both: float = 0.1
     variables: int = 3
     inside: float = 0.05
-    around: float = 0.15
+    width: float = 0.005
+    beyond: float = 0.025
     between: float = 5.0
     most: int = 96
 
@@ -276,25 +281,28 @@ def _candidate(form: Component, leaf: Leaf, key: str, variable: str, unit: Unit,
                      "parameter")
 
 
-
-def with_onset(candidate: Candidate, library: Library, span: tuple[float, float], begin: float) -> Candidate | None:
-    """The effect that acts from a time on, which is sought around `begin` (s) in the `span` of the records; None if its
-    amplitudes cannot vary."""
+def with_onset(candidate: Candidate, library: Library, spans: Mapping[str, tuple[float, float]],
+               begins: Mapping[str, float]) -> Candidate | None:
+    """The effect that acts from a time on, which each record has for itself: `begins` (s), sought within and beyond the
+    `spans` of the records; None if its amplitudes cannot vary."""
     component = library.component(candidate.component)
     amplitudes = candidate.vanishing
     if not amplitudes or component.composite or candidate.change.each or any(
             n.neutral != 0 or n.parts or fixed_because(component, n.name.rpartition(".")[2]) for n in amplitudes):
         return None
-    low, high = span
     part, onset = re.sub(r"\W+", "_", f"onset_{candidate.name}"), library.component(ONSET)
-    inside, around = VARYING.inside * (high - low), VARYING.around * (high - low)
-    ends = max(low + inside, begin - around), min(high - inside, begin + around)
-    if not ends[1] > ends[0]:
-        return None
     u, time = next(iter(onset.signals)), "t_0"
-    values = {u: "=time", time: quantity(begin, SECOND), "u_m": quantity(float(f"{(high - low) / 2:.4g}"), SECOND)}
-    number = EffectNumber(f"{part}.{time}", SECOND, None, None, SearchRange(Range(*ends, SECOND), ""), False)
+    half = min(high - low for low, high in spans.values()) / 2
+    beyond = VARYING.beyond * half
+    span = Range(min(low for low, _ in spans.values()) - beyond, max(high for _, high in spans.values()) + beyond, SECOND)
+    # at an end the effect acts in the whole record, or not at all
+    ends = {name: (low - beyond, high + beyond) for name, (low, high) in spans.items()}
+    there = {name: ends[name][0] if begin <= spans[name][0] else ends[name][1] if begin >= spans[name][1] else begin
+             for name, begin in begins.items()}
+    values = {u: "=time", time: quantity(next(iter(there.values())), SECOND), "u_m": quantity(float(f"{half:.4g}"), SECOND),
+              "w": f"{VARYING.width:g}"}
     factor = {n.name: (*candidate.change.vary.get(n.name, ()), f"{part}.{FACTOR}") for n in amplitudes}
-    change = candidate.change.joined(Change({part: Part(ONSET, values)}, vary=factor))
-    return replace(candidate, place=f"{candidate.place} from a time on", change=change,
-                   numbers=(*candidate.numbers, number))
+    name = f"{part}.{time}"
+    change = candidate.change.joined(Change({part: Part(ONSET, values)}, vary=factor, each={name: span}, of_records={
+        record: {name: quantity(begin, SECOND)} for record, begin in there.items()}))
+    return replace(candidate, place=f"{candidate.place} from a time on", change=change)

@@ -28,6 +28,7 @@ doi:10.1080/07474930802459016.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -195,9 +196,23 @@ class Series:
     role: int
 
 
-def predictive_errors(problem: Residuals, inner: Array, exact: Mapping[str, Run], r: Array) -> PredictiveErrors:
-    """The predictive errors of a fit: `r` (n,) are its residuals on the fitted samples, `exact` runs of all records."""
-    return binned([*_fitted(problem, inner, r), *_held_out(problem, inner, exact)])
+def predictive_errors(problem: Residuals, inner: Array, exact: Mapping[str, Run], r: Array,
+                      own: Mapping[str, Mapping[str, float]] | None = None) -> PredictiveErrors:
+    """The predictive errors of a fit: `r` (n,) are its residuals on the fitted samples, `exact` runs of all records. `own` are
+    the values that held-out records have of their own, as far as they are known."""
+    own = own_starts_of(problem, inner, exact) if own is None else own
+    return binned([*_fitted(problem, inner, r), *_held_out(problem, inner, exact, own)])
+
+
+def own_starts_of(problem: Residuals, inner: Array, exact: Mapping[str, Run]) -> dict[str, dict[str, float]]:
+    """The values that each held-out record has of its own, by its name; without records that cannot be simulated."""
+    found = {}
+    for record in problem.experiment.records.values():
+        if record.use != "fit" and exact[record.name].counts.any():
+            with suppress(ModelError, SimulationError, StartError):
+                values = problem.values_of(inner, record.name)
+                found[record.name] = own_start(problem.experiment, record, values, exact[record.name])
+    return found
 
 
 def binned(series: Sequence[Series]) -> PredictiveErrors:
@@ -225,7 +240,8 @@ def _parts(s: Series) -> Iterator[NDArray[np.int64]]:
         yield from np.split(there, np.flatnonzero(far > 10 * np.median(far)) + 1 if len(far) else [])
 
 
-def _held_out(problem: Residuals, inner: Array, exact: Mapping[str, Run]) -> Iterator[Series]:
+def _held_out(problem: Residuals, inner: Array, exact: Mapping[str, Run], own: Mapping[str, Mapping[str, float]]
+              ) -> Iterator[Series]:
     """The errors on all samples that were not fitted; a run that breaks down has a large error at each."""
     experiment = problem.experiment
     for record in experiment.records.values():
@@ -234,9 +250,7 @@ def _held_out(problem: Residuals, inner: Array, exact: Mapping[str, Run]) -> Ite
         if not which.any():
             continue
         try:
-            if record.use != "fit":
-                values = {**values, **own_start(experiment, record, values, run)}
-            r = run.held_out(values)[0]
+            r = run.held_out({**values, **own.get(record.name, {})})[0]
         except (ModelError, SimulationError, StartError):
             r = np.full(int(which.sum()), BROKEN)
         yield _series(which, r, TEST if record.use == "test" else SELECTION)

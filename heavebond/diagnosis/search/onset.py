@@ -1,8 +1,15 @@
-"""Effects that begin at a time: a scan over the time of onset of the leading candidates.
+"""Effects that begin at a time: a scan over the times of onset of all scored candidates, with one time for each record.
 
-To first order, an effect that acts from t_0 on moves the channels by the direction s of the effect for t > t_0 only, as
-far as the machine forgets quickly. The gain of the masked direction over a grid of t_0 costs no simulation. A candidate
-that gains more from a time on than on the whole records is scored exactly and refitted with t_0 among its numbers.
+To first order, an effect that acts in record k from t_k on moves the channels of this record by the direction s of the effect
+for t > t_k only, as far as the machine forgets quickly. The gain of the masked direction over a grid of times costs no
+simulation: with J (n, m) the derivatives to the free parameters and P those of the priors, it needs of each record only
+
+    b_k = s_k'r_k,   g_k = J_k's_k,   q_k = s_k's_k        over the samples after t_k,
+
+whose sums over the records give s_o'r and |s_o| of the score (see `scoring`). The times of the records are found one after
+the other, until none of them changes: with one amplitude for all records the best time of one record depends on the others
+through the free parameters only. The grid has both ends: the effect acts in the whole record, or not at all. A candidate
+that gains more from these times on than in whole records is scored exactly and refitted, the times among its numbers.
 """
 
 from __future__ import annotations
@@ -23,55 +30,131 @@ from heavebond.numerics.dae import Array
 class OnsetConstants:
     """Constants of the scan.
 
-    candidates: candidates with the largest gains that are scanned. Origin: the leaders of a step; each scan that succeeds
+    families: classes at a place with the largest gains of which laws are tried. Origin: the leaders of a step; each law
         costs a score and a refit. Doubled: twice as many.
-    times: times of onset on the grid. Origin: the refit moves the onset by several distances of the grid. Doubled: finer.
-    more: how much the gain must grow, in units of the residual per sample. Origin: as much as justifies an effect (12),
-        for one more parameter that is chosen from a grid. Doubled: weaker onsets are not tried.
+    laws: laws of one class at one place. Origin: a simple one beside its refinements. Doubled: more of these.
+    times: times of onset on the grid of a record. Origin: at half their distance a refit feels the transition
+        (`VARYING.width`). Doubled: finer.
+    more: how much the gain must grow for each record, in units of the residual per sample. Origin: as much as justifies an
+        effect (12), for one more parameter that is chosen from a grid. Doubled: weaker onsets are not tried.
     share: share of the gain by which it must grow besides. Origin: a masked direction is exact for static laws only.
         Doubled: later onsets only.
+    rounds: times that each record is gone through at most. Origin: two suffice, the third shows that nothing changes.
+        Doubled: the same.
+    left: share of a direction that must be left when the free parameters have taken theirs. Origin: as `scoring.SAME`.
+        Doubled: the same.
     """
 
-    candidates: int = 6
-    times: int = 30
+    families: int = 3
+    laws: int = 3
+    times: int = 200
     more: float = 12.0
     share: float = 0.1
+    rounds: int = 6
+    left: float = 1e-3
 
 
 ONSET = OnsetConstants()
 
 
 def onsets(base: Base, scores: Sequence[Score]) -> list[Candidate]:
-    """The leading candidates with an onset, if they gain more from a time on."""
-    times = sample_times(base)
-    low, high = float(times.min()), float(times.max())
-    grid = np.linspace(low, high, ONSET.times + 2)[1:-1]
+    """The candidates that gain most from times of onset on, one time for each record, if they gain more than in whole
+    records."""
+    runs, experiment = base.problem.runs, base.problem.experiment
     unit = max(1.0, float(base.r @ base.r) / len(base.r))
-    best: dict[str, Score] = {}
-    for score in sorted(scores, key=lambda s: -s.gain):
-        if score.told_apart and score.gain > 0:
-            best.setdefault(score.candidate.label, score)
-    found = []
-    for score in list(best.values())[:ONSET.candidates]:
-        gains = [_gain(base, score, times > begin) for begin in grid]
-        k = int(np.argmax(gains))
-        if gains[k] > (1 + ONSET.share) * score.gain + ONSET.more * unit:
-            library = base.problem.experiment.model.library
-            if (made := with_onset(score.candidate, library, (low, high), float(grid[k]))) is not None:
-                found.append(made)
-    return found
+    best: dict[str, tuple[float, Score, dict[str, float]]] = {}
+    scan = _Scan(base)
+    for score in scores:
+        if not (score.size > 0 and score.candidate.vanishing) or score.candidate.change.each:
+            continue
+        gain, whole, begins = scan.best(score)
+        if gain > (1 + ONSET.share) * whole + ONSET.more * unit * len(runs) and \
+                gain > best.get(score.candidate.label, (0.0,))[0]:
+            best[score.candidate.label] = gain, score, begins
+    spans = {name: (float(run.found.grid[0]), float(run.found.grid[-1])) for name, run in base.exact.items()}
+    families: dict[object, list[Candidate]] = {}
+    for _, score, begins in sorted(best.values(), key=lambda entry: -entry[0]):
+        # of a record that is not fitted the time is not known yet: it is sought there
+        whole_records = {name: low for name, (low, _) in spans.items()}
+        made = with_onset(score.candidate, experiment.model.library, spans, {**whole_records, **begins})
+        if made is not None:
+            families.setdefault((made.kind, frozenset(made.where)), []).append(made)
+    return [made for family in list(families.values())[:ONSET.families] for made in family[:ONSET.laws]]
 
 
-def sample_times(base: Base) -> Array:
-    """The time of each residual (n,)."""
-    return np.concatenate([run.found.grid[np.nonzero(run.counts)[1]] for run in base.problem.runs])
+class _Scan:
+    """The sums over the samples after each time of the grid of each record, for the directions of scores."""
 
+    def __init__(self, base: Base):
+        self.base = base
+        self.J, priors = base.J[:, base.moving], base.priors[:, base.moving]
+        self.normal = self.J.T @ self.J
+        whole = self.normal + priors.T @ priors
+        scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+        self.inverse = np.linalg.pinv(whole / scale[:, None] / scale, rcond=1e-12) / scale[:, None] / scale
+        self.slope = self.J.T @ base.r
+        ends = np.cumsum([0, *(int(run.counts.sum()) for run in base.problem.runs)])
+        self.records = []
+        for run, begin, end in zip(base.problem.runs, ends[:-1], ends[1:], strict=True):
+            times = run.found.grid[np.nonzero(run.counts)[1]]
+            low, high = float(run.found.grid[0]), float(run.found.grid[-1])
+            grid = np.linspace(low, high, ONSET.times + 1)
+            self.records.append((run.record.name, slice(begin, end), times, grid))
 
-def _gain(base: Base, score: Score, acting: Array) -> float:
-    """The gain of a direction on the samples on which the effect acts; 0 if its sign is not allowed."""
-    left = base.split(score.direction * acting)[0]
-    length = float(np.linalg.norm(left))
-    if length <= 1e-6:
-        return 0.0
-    z = -float(left @ base.r) / length
-    return z**2 if z > 0 or score.signed else 0.0
+    def best(self, score: Score) -> tuple[float, float, dict[str, float]]:
+        """The largest gain of a direction that acts from a time on in each record, that of whole records, and these
+        times."""
+        s = self._direction(score)
+        sums = [self._sums(s, part, times, grid) for _, part, times, grid in self.records]
+        last = ONSET.times
+        whole = self._gains(score, [b[:1] for b in sums])[0]
+        # from whole records on, and from each record alone
+        starts = [[0] * len(sums), *([last if j != k else 0 for j in range(len(sums))] for k in range(len(sums)))]
+        found = max((self._ascended(score, sums, start) for start in starts),
+                    key=lambda entry: entry[0])
+        return found[0], float(whole), {name: float(grid[k]) for (name, _, _, grid), k in
+                                        zip(self.records, found[1], strict=True)}
+
+    def _ascended(self, score: Score, sums: Sequence[Array], start: Sequence[int]) -> tuple[float, list[int]]:
+        """The gain at the end of a coordinate ascent over the records, and the place of each on its grid."""
+        at, gain = list(start), 0.0
+        for _ in range(ONSET.rounds):
+            before = list(at)
+            for k in range(len(sums)):
+                parts = [part if j == k else part[at[j]:at[j] + 1] for j, part in enumerate(sums)]
+                gains = self._gains(score, parts)
+                at[k], gain = int(np.argmax(gains)), float(gains.max())
+            if at == before:
+                break
+        return gain, at
+
+    def _gains(self, score: Score, parts: Sequence[Array]) -> Array:
+        """The gains (times,) of sums over the records."""
+        total = sum(parts[1:], start=parts[0])
+        b, q, g = total[:, 0], total[:, 1], total[:, 2:]
+        step = g @ self.inverse
+        left = q - 2 * np.sum(g * step, axis=1) + np.sum((step @ self.normal) * step, axis=1)
+        seen = left > ONSET.left**2 * np.maximum(q, 1e-300)
+        z = np.where(seen, -(b - step @ self.slope) / np.sqrt(np.where(seen, left, 1.0)), 0.0)
+        return np.asarray(z**2 if score.signed else np.maximum(z, 0.0)**2)
+
+    def _direction(self, score: Score) -> Array:
+        """The derivative (n,) of the residuals to the amplitude, with what the free parameters can take of it."""
+        if not score.told_apart or score.z == 0:
+            return score.direction
+        length = score.size * score.share
+        amplitude = score.z / length
+        return np.asarray(length * score.direction - self.base.J @ score.step / amplitude)
+
+    def _sums(self, s: Array, part: slice, times: Array, grid: Array) -> Array:
+        """b, q and g (times, 2 + m) over the samples after each time of the grid."""
+        own = s[part]
+        columns = np.column_stack([own * self.base.r[part], own**2, own[:, None] * self.J[part]])
+        place = np.searchsorted(grid, times, side="left")  # a sample counts for all times of the grid before it
+        binned = np.zeros((len(grid) + 1, columns.shape[1]))
+        np.add.at(binned, place, columns)
+        sums = np.cumsum(binned[::-1], axis=0)[::-1]
+        found = sums[1:]  # samples after grid[k]
+        found[0] = columns.sum(axis=0)
+        found[-1] = 0.0
+        return np.asarray(found)

@@ -26,7 +26,7 @@ from heavebond.core.progress import Progress
 from heavebond.core.units import Range
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber
 from heavebond.diagnosis.decision import DECISION
-from heavebond.diagnosis.evidence.prediction import SELECTION, TEST, PredictiveErrors, predictive_errors
+from heavebond.diagnosis.evidence.prediction import SELECTION, TEST, PredictiveErrors, own_starts_of, predictive_errors
 from heavebond.diagnosis.search.base_model import ERRS, TIMES, Base, exact_runs, finer
 from heavebond.diagnosis.search.refit_starts import (
     FURTHER,
@@ -42,7 +42,7 @@ from heavebond.diagnosis.search.refit_starts import (
 )
 from heavebond.diagnosis.search.scoring import Score
 from heavebond.estimation.experiment import Experiment, Free
-from heavebond.estimation.fitting import own_start
+from heavebond.estimation.fitting import is_instant
 from heavebond.estimation.residuals import AT_END, Descent, Exceeded, Residuals, Run
 from heavebond.numerics.dae import Array
 from heavebond.numerics.quick_simulation import QuickSimulator
@@ -133,7 +133,7 @@ class Refit:
     squares would fall: it is not the minimum (see `range_ends`), and `unshown` its amplitudes that the records do not tell
     from none. `inner` are the values as unknowns of its least squares
     problem; its runs erred by less than those of the base model by the power `finer` of FINER. It `acts` at some time in the
-    fitted records (see `Candidate.acts`)."""
+    fitted records (see `Candidate.acts`). `own` are the values that each record has of its own (SI), by its name."""
 
     candidate: Candidate
     experiment: Experiment
@@ -156,6 +156,7 @@ class Refit:
     inner: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
     finer: int = 0
     acts: bool = True
+    own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def absent(self) -> bool:
@@ -219,15 +220,15 @@ def polished(base: Base, trial: Refit, guesses: Sequence[Score] = (), lender: Re
     refit = _RefitProblem(base, trial.candidate, guesses, trial.finer)
     refit.sought({n.name: trial.experiment.free[n.name].range for n in trial.candidate.numbers if n.name in refit.ranges})
     values = {**trial.values, **_lent(lender, trial.candidate)} if lender is not None else trial.values
-    start = refit.problem.allowed(np.clip([c.inner(values[c.free.name]) for c in refit.problem.columns],
-                                          refit.problem.low, refit.problem.high))
+    there = [c.inner(trial.own.get(c.record, {}).get(c.free.name, values[c.free.name])) for c in refit.problem.columns]
+    start = refit.problem.allowed(np.clip(there, refit.problem.low, refit.problem.high))
     try:
-        there = refit.arrive(start, progress or (lambda text: None))
-        better = refit.judged(there)
+        end = refit.arrive(start, progress or (lambda text: None))
+        better = refit.judged(end)
         if lender is not None and better.cost >= trial.cost:
             return trial
-        there, better = (there, better) if better.cost < trial.cost else (start, trial)
-        return replace(better, slack=refit.slack(there))
+        end, better = (end, better) if better.cost < trial.cost else (start, trial)
+        return replace(better, slack=refit.slack(end, better.own))
     except HeavebondError:
         return trial
 
@@ -241,7 +242,7 @@ def refitted_from(base: Base, candidate: Candidate, lender: Refit, progress: Pro
         refit = _RefitProblem(base, candidate, ())
         refit.sought({name: ranges[key] for name in refit.ranges if (key := name.rpartition(".")[2]) in ranges})
         lent, first = _lent(lender, candidate), base.problem.runs[0].record.name
-        values = {name: {**base.problem.values_of(base.inner, name or first), **lent}
+        values = {name: {**base.problem.values_of(base.inner, name or first), **lent, **lender.own.get(name, {})}
                   for name in {c.record for c in refit.problem.columns}}
         there = [c.inner(values[c.record].get(c.free.name, c.before)) for c in refit.problem.columns]
         start = refit.problem.allowed(np.clip(there, refit.problem.low, refit.problem.high))
@@ -389,13 +390,16 @@ class _RefitProblem:
 
     def _out_of_the_way(self, inner: Array) -> Array:
         """With limits that the fitted samples hardly feel (a stop that is not reached, or by one sample) at that end
-        of their range, or near it, where they are not felt either: other records go further."""
+        of their range, or near it, where they are not felt either: other records go further. A time at which something
+        begins goes to an end where that makes no difference: it acts in the whole record, or not at all."""
         cost = self._cost(inner)
         # residuals are in units of the noise: a fit far below it (a record without noise) feels nothing but rounding
         felt = UNFELT * max(cost / self.base.r.size, 1.0)
         limits = {n.name for n in self.candidate.numbers if not n.amplitude and n.sought is not None and n.sought.seen}
         for k, column in enumerate(self.problem.columns):
-            for share in (1 - ASIDE, ASIDE) if column.free.name in limits else ():
+            shares = (1 - ASIDE, ASIDE) if column.free.name in limits else \
+                (1.0, 0.0) if column.record and is_instant(self.problem.experiment.model, column.free.name) else ()
+            for share in shares:
                 there = inner.copy()
                 there[k] = self.problem.low[k] + share * (self.problem.high[k] - self.problem.low[k])
                 if self._cost(there, cost + felt) <= cost + felt:
@@ -455,15 +459,19 @@ class _RefitProblem:
         r, prior = self._residuals(inner, [exact[run.record.name] for run in self.runs]), problem.priors(inner)[0]
         self.errs = float(np.linalg.norm(r - problem.evaluate(inner)[0]))
         values = [problem.values_of(inner, run.record.name) for run in problem.runs]
-        errors = predictive_errors(problem, inner, exact, r)
+        held_out = own_starts_of(problem, inner, exact)
+        errors = predictive_errors(problem, inner, exact, r, held_out)
+        each = {name for name, f in problem.experiment.free.items() if f.each}
+        own = {run.record.name: {name: there[name] for name in each} for run, there in zip(problem.runs, values, strict=True)}
+        sought = sum(is_instant(problem.experiment.model, name) for there in held_out.values() for name in there)
         at_end = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(inner), strict=True)
-                       if end and c.free.name not in self.ranges)
+                       if end and c.free.name not in {*self.ranges, *self.candidate.change.each})
         return Refit(self.candidate, problem.experiment, values[0], float(r @ r + prior @ prior), float(r @ r) / len(r),
-                     errors.mean(SELECTION, TEST), len(r), errors.samples(SELECTION, TEST), len(inner), at_end,
+                     errors.mean(SELECTION, TEST), len(r), errors.samples(SELECTION, TEST), len(inner) + sought, at_end,
                      max((g.gain for g in self.guesses), default=float("nan")),
                      problem.evaluations, errors=errors, beyond=passed_ends(problem, self.candidate.numbers, inner, r),
                      unshown=unshown_amplitudes(problem, self.candidate.numbers, inner, r), inner=inner,
-                     finer=self.finer, acts=self._acts(inner, exact))
+                     finer=self.finer, acts=self._acts(inner, exact), own={**own, **held_out} if each else {})
 
     def _acts(self, inner: Array, exact: Mapping[str, Run]) -> bool:
         """Whether the effect acts in a fitted record; one that says nothing of this always does."""
@@ -473,7 +481,7 @@ class _RefitProblem:
                 return True
         return not self.candidate.acts
 
-    def slack(self, inner: Array) -> float:
+    def slack(self, inner: Array, own: Mapping[str, Mapping[str, float]]) -> float:
         """What the numbers' own uncertainty does to the figure on what was held out. With r (n,) and J (n, m) the residuals
         there and their derivatives, F the information of the fit with its priors, and steps d of what is not at an end of
         its range,
@@ -484,21 +492,20 @@ class _RefitProblem:
         problem = self.problem
         moving = np.flatnonzero(~problem.at_end(inner))
         fitted = np.vstack([problem.evaluate(inner)[1], problem.priors(inner)[1]])[:, moving]
-        r, J = self._checked(inner)
+        r, J = self._checked(inner, own)
         J = J[:, moving]
         normal, slope = fitted.T @ fitted + J.T @ J, J.T @ r
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         return float(slope / scale @ np.linalg.lstsq(normal / scale[:, None] / scale, slope / scale, rcond=1e-12)[0])
 
-    def _checked(self, inner: Array) -> tuple[Array, Array]:
-        """Residuals (n,) of all samples that are held out, and their derivatives (n, m) to the inner unknowns."""
+    def _checked(self, inner: Array, own: Mapping[str, Mapping[str, float]]) -> tuple[Array, Array]:
+        """Residuals (n,) of all samples that are held out, and their derivatives (n, m) to the inner unknowns; `own` are the
+        values that records have of their own."""
         problem, names = self.problem, list(self.problem.experiment.free)
         exact = exact_runs(problem.experiment, self.runs, self.base.exact)
         parts, blocks = [np.zeros(0)], [np.zeros((0, len(inner)))]
         for record in problem.experiment.records.values():
-            values = problem.values_of(inner, record.name)
-            if record.use != "fit":
-                values |= own_start(problem.experiment, record, values, exact[record.name])
+            values = problem.values_of(inner, record.name) | (own.get(record.name, {}) if record.use != "fit" else {})
             wrong, moved = exact[record.name].again(names, values, QuickSimulator).held_out(values)
             block = np.zeros((len(wrong), len(inner)))
             for k, column in enumerate(problem.columns):

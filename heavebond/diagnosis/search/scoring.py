@@ -153,7 +153,7 @@ def scored(base: Base, candidate: Candidate, shared: SharedDiagram | None = None
     """The scores of one candidate at a few choices of its shapes; none where the diagram with it cannot be simulated. Where
     it is one of several in a `shared` diagram, its runs are made with that, the others asleep; where it cannot be simulated
     at amplitude zero, from finite amplitudes on."""
-    if candidate.change.each:
+    if candidate.differs:
         return _of_records(base, candidate)
     found = _scored_from_zero(base, candidate, shared)
     if found or not candidate.vanishes or (finite := from_finite_amplitudes(base, candidate)) is None:

@@ -610,7 +610,9 @@ def following(before: Stage) -> Experiment:
 def at_values_of(trial: Refit, experiment: Experiment) -> Experiment:
     """The experiment with what is free in it at the values of a refit, of this diagram or of one with an effect more."""
     values = {n: v for n, v in trial.values.items() if n in experiment.free}
-    return replace(experiment, model=experiment.model.with_parameters(values))
+    own = {record: {n: v for n, v in there.items() if n in experiment.free and not n.startswith("initial.")}
+           for record, there in trial.own.items()}
+    return replace(experiment, model=experiment.model.with_parameters(values)).with_record_values(own)
 
 
 def worth_it(step: Stage) -> bool:
