@@ -108,6 +108,9 @@ class AddedEffect:
         """The figures, for machines."""
         return {**self.candidate.as_dict(), "part": self.candidate.name,
                 "parameters": {p.name: p.as_dict() for p in self.parameters},
+                **({"each_record": {record: {name: values[name] for name in self.candidate.change.each if name in values}
+                                    for record, values in self.fit.record_values.items()}}
+                   if self.candidate.change.each else {}),
                 "error_fit": self.rung.error_fit, "error_held_out": self.rung.error_held_out,
                 "chi2_fit": self.rung.chi2_fit, "chi2_held_out": self.rung.chi2_held_out,
                 "one_of": [t.candidate.as_dict() for t in self.alternatives], "doubt": self.doubt}

@@ -144,14 +144,20 @@ def _own_row(found: Fit, record: str, name: str) -> tuple[str, str, str, str, st
 
 def own_words(found: Fit) -> list[str]:
     """What is done with values `each: record` on records that are held out."""
-    names = listing([name for name, free in found.experiment.free.items() if free.each], 4)
-    fitted = [f"the first {number(own.seconds, 3)} s of {record}" for record, own in found.held_out.items() if own.values]
+    instants = {name: record for record, own in found.held_out.items() for name in own.instants}
+    names = listing([name for name, free in found.experiment.free.items() if free.each and name not in instants], 4)
+    fitted = [f"the first {number(own.seconds, 3)} s of {record}" for record, own in found.held_out.items()
+              if {*own.values} - {*own.instants}]
     failed = [record for record, own in found.held_out.items() if not own.values]
     said = []
     if fitted:
         said.append(f"{names} (each: record): on held-out records fitted too, to {listing(fitted, 4)}, with all other "
                     "values given; the held-out errors contain these samples.")
+    if instants:
+        said.append(f"{listing(instants, 4)} (each: record): on held-out records sought on the whole record, with all other "
+                    "values given; one value of each held-out record is fitted to it.")
     if failed:
+        names = listing([name for name, free in found.experiment.free.items() if free.each], 4)
         said.append(f"{names} (each: record): could not be fitted on {listing(failed, 4)}, where the model cannot be "
                     "simulated; the values of the diagram are used there.")
     return said

@@ -54,7 +54,8 @@ def onset_words(finding: AddedEffect) -> str:
             at.append(f"at {shown} in record {record}{beside}")
     parts = [f"begins {_and(at)}" if at else "", f"acts in the whole record {_and(whole)}" if whole else "",
              f"does not act in record {_and(absent)}" if absent else ""]
-    return f"The effect {', and '.join(part for part in parts if part)}." if any(parts) else ""
+    what = "change" if finding.candidate.attaches == "parameter" else "effect"
+    return f"The {what} {', and '.join(part for part in parts if part)}." if any(parts) else ""
 
 
 def _and(names: Sequence[str]) -> str:
@@ -88,9 +89,9 @@ def _of_factor(name: str, finding: AddedEffect, effect: Effect) -> str:
     amplitudes = [own[key].value for key in effect.amplitude if key in own]
     words = effect.varies_with
     when = next((own[key] for key in effect.shapes if key in own), None)
-    if "instant" in words and when is not None and amplitudes:
+    if "instant" in words and amplitudes:
         way = "rises" if amplitudes[0] > 0 else "falls"
-        return f"{name} {way} by {number(100 * abs(amplitudes[0]), 3)} % at {_at(when)}."
+        return f"{name} {way} by {number(100 * abs(amplitudes[0]), 3)} %" + (f" at {_at(when)}." if when is not None else ".")
     runs = [record.result for record in finding.fit.after.records.values() if record.use == "fit"]
     variable = next(iter(candidate.change.components[candidate.name].values.values())).lstrip("=")
     factor = f"{candidate.name}.{FACTOR}"

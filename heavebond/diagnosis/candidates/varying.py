@@ -283,12 +283,14 @@ def _candidate(form: Component, leaf: Leaf, key: str, variable: str, unit: Unit,
 
 def with_onset(candidate: Candidate, library: Library, spans: Mapping[str, tuple[float, float]],
                begins: Mapping[str, float]) -> Candidate | None:
-    """The effect that acts from a time on, which each record has for itself: `begins` (s), sought within and beyond the
-    `spans` of the records; None if its amplitudes cannot vary."""
+    """The effect that acts from a time on, with one time for each record: `begins` (s), sought within and beyond the `spans`
+    of the records; None if its amplitudes cannot vary. A parameter that changes at a time changes at one in each record."""
     component = library.component(candidate.component)
     amplitudes = candidate.vanishing
-    if not amplitudes or component.composite or candidate.change.each or any(
-            n.neutral != 0 or n.parts or fixed_because(component, n.name.rpartition(".")[2]) for n in amplitudes):
+    changes = next((n for n in candidate.numbers if n.name.rpartition(".")[2] in component.parameters
+                    and component.parameters[n.name.rpartition(".")[2]].instant), None)
+    if not amplitudes or component.composite or candidate.change.each or (candidate.attaches == "parameter" and not changes) \
+            or any(n.neutral != 0 or n.parts or fixed_because(component, n.name.rpartition(".")[2]) for n in amplitudes):
         return None
     part, onset = re.sub(r"\W+", "_", f"onset_{candidate.name}"), library.component(ONSET)
     u, time = next(iter(onset.signals)), "t_0"
@@ -299,10 +301,17 @@ def with_onset(candidate: Candidate, library: Library, spans: Mapping[str, tuple
     ends = {name: (low - beyond, high + beyond) for name, (low, high) in spans.items()}
     there = {name: ends[name][0] if begin <= spans[name][0] else ends[name][1] if begin >= spans[name][1] else begin
              for name, begin in begins.items()}
-    values = {u: "=time", time: quantity(next(iter(there.values())), SECOND), "u_m": quantity(float(f"{half:.4g}"), SECOND),
+    first = quantity(next(iter(there.values())), SECOND)
+
+    def own_times(name: str) -> Change:
+        return Change(each={name: span}, of_records={r: {name: quantity(begin, SECOND)} for r, begin in there.items()})
+
+    if changes is not None:
+        change = candidate.change.with_values({changes.name: first}).joined(own_times(changes.name))
+        return replace(candidate, place=f"{candidate.place} in each record", change=change,
+                       numbers=tuple(n for n in candidate.numbers if n is not changes))
+    values = {u: "=time", time: first, "u_m": quantity(float(f"{half:.4g}"), SECOND),
               "w": f"{VARYING.width:g}"}
     factor = {n.name: (*candidate.change.vary.get(n.name, ()), f"{part}.{FACTOR}") for n in amplitudes}
-    name = f"{part}.{time}"
-    change = candidate.change.joined(Change({part: Part(ONSET, values)}, vary=factor, each={name: span}, of_records={
-        record: {name: quantity(begin, SECOND)} for record, begin in there.items()}))
+    change = candidate.change.joined(Change({part: Part(ONSET, values)}, vary=factor)).joined(own_times(f"{part}.{time}"))
     return replace(candidate, place=f"{candidate.place} from a time on", change=change)

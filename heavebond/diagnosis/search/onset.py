@@ -63,14 +63,18 @@ def onsets(base: Base, scores: Sequence[Score]) -> list[Candidate]:
     runs, experiment = base.problem.runs, base.problem.experiment
     unit = max(1.0, float(base.r @ base.r) / len(base.r))
     best: dict[str, tuple[float, Score, dict[str, float]]] = {}
+    in_whole_records: dict[str, float] = {}
     scan = _Scan(base)
     for score in scores:
         if not (score.size > 0 and score.candidate.vanishing) or score.candidate.change.each:
             continue
         gain, whole, begins = scan.best(score)
-        if gain > (1 + ONSET.share) * whole + ONSET.more * unit * len(runs) and \
-                gain > best.get(score.candidate.label, (0.0,))[0]:
-            best[score.candidate.label] = gain, score, begins
+        label = score.candidate.label
+        in_whole_records[label] = max(whole, in_whole_records.get(label, 0.0))
+        if gain > best.get(label, (0.0,))[0]:
+            best[label] = gain, score, begins
+    best = {label: entry for label, entry in best.items()
+            if entry[0] > (1 + ONSET.share) * in_whole_records[label] + ONSET.more * unit * len(runs)}
     spans = {name: (float(run.found.grid[0]), float(run.found.grid[-1])) for name, run in base.exact.items()}
     families: dict[object, list[Candidate]] = {}
     for _, score, begins in sorted(best.values(), key=lambda entry: -entry[0]):
