@@ -43,8 +43,8 @@ from heavebond.estimation.unit_and_sign_checks import (
     seems_in_another_unit,
     seems_of_another_sign,
 )
-from heavebond.language.definition import Value
 from heavebond.language import reading
+from heavebond.language.definition import Value
 from heavebond.language.edits import quoted
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.quick_simulation import FitSimulator

@@ -140,8 +140,8 @@ class Experiment:
             name: replace(record, settings={**record.settings, **given}) for name, record in self.records.items()})
 
     def with_record_values(self, values: Dictionary[str, Dictionary[str, float | str]]) -> Experiment:
-        """The experiment with values of parameters and initial values (`initial.crown.x`) for single records, by the names of
-        these; in SI, or as text."""
+        """The experiment with values of parameters and initial values (`initial.crown.x`) for single records, by the names
+        of these; in SI, or as text."""
         records = dict(self.records)
         for name, given in values.items():
             model, record = self.model.with_parameters(given), records[name]

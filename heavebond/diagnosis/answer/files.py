@@ -53,7 +53,8 @@ def finding_files(finding: AddedEffect, before: Experiment, model: Path, experim
     lines = [f"experiment: {quoted(f'{before.name}, with {candidate.kind} {candidate.place}')}",
              f"extends: {quoted(extended_from(experiment, before.path))}",
              f"model: {quoted(extended_from(experiment, model))}",
-             *block("records", {record: f"{{set: {{{', '.join(values)}}}}}" for record, values in of_records.items() if values}),
+             *block("records", {record: f"{{set: {{{', '.join(values)}}}}}" for record, values in of_records.items()
+                                if values}),
              *block("inputs", {**_smoothed_inputs(before), **{new: old for old, new in change.moved.items()}}),
              *block("outputs", {name: f"{{is: {quoted(formula)}}}" for name, formula in change.channels.items()}),
              *block("free", free)]

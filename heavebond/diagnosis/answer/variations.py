@@ -90,8 +90,8 @@ def _of_factor(name: str, finding: AddedEffect, effect: Effect) -> str:
     words = effect.varies_with
     when = next((own[key] for key in effect.shapes if key in own), None)
     if "instant" in words and amplitudes:
-        way = "rises" if amplitudes[0] > 0 else "falls"
-        return f"{name} {way} by {number(100 * abs(amplitudes[0]), 3)} %" + (f" at {_at(when)}." if when is not None else ".")
+        way, at_time = "rises" if amplitudes[0] > 0 else "falls", f" at {_at(when)}" if when is not None else ""
+        return f"{name} {way} by {number(100 * abs(amplitudes[0]), 3)} %{at_time}."
     runs = [record.result for record in finding.fit.after.records.values() if record.use == "fit"]
     variable = next(iter(candidate.change.components[candidate.name].values.values())).lstrip("=")
     factor = f"{candidate.name}.{FACTOR}"

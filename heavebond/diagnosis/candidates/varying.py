@@ -289,8 +289,10 @@ def with_onset(candidate: Candidate, library: Library, spans: Mapping[str, tuple
     amplitudes = candidate.vanishing
     changes = next((n for n in candidate.numbers if n.name.rpartition(".")[2] in component.parameters
                     and component.parameters[n.name.rpartition(".")[2]].instant), None)
-    if not amplitudes or component.composite or candidate.change.each or (candidate.attaches == "parameter" and not changes) \
-            or any(n.neutral != 0 or n.parts or fixed_because(component, n.name.rpartition(".")[2]) for n in amplitudes):
+    if not amplitudes or component.composite or candidate.change.each or any(
+            n.neutral != 0 or n.parts or fixed_because(component, n.name.rpartition(".")[2]) for n in amplitudes):
+        return None
+    if candidate.attaches == "parameter" and changes is None:
         return None
     part, onset = re.sub(r"\W+", "_", f"onset_{candidate.name}"), library.component(ONSET)
     u, time = next(iter(onset.signals)), "t_0"

@@ -198,8 +198,8 @@ class Series:
 
 def predictive_errors(problem: Residuals, inner: Array, exact: Mapping[str, Run], r: Array,
                       own: Mapping[str, Mapping[str, float]] | None = None) -> PredictiveErrors:
-    """The predictive errors of a fit: `r` (n,) are its residuals on the fitted samples, `exact` runs of all records. `own` are
-    the values that held-out records have of their own, as far as they are known."""
+    """The predictive errors of a fit: `r` (n,) are its residuals on the fitted samples, `exact` runs of all records. `own`
+    are the values of each held-out record alone, if they are known."""
     own = own_starts_of(problem, inner, exact) if own is None else own
     return binned([*_fitted(problem, inner, r), *_held_out(problem, inner, exact, own)])
 

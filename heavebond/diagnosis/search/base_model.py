@@ -181,7 +181,8 @@ class Base:
         key = repr(change)
         if key not in self.diagrams:
             changed = changed_experiment(self.problem.experiment, change)
-            made = Diagram(changed, tuple(assemble_for(changed, changed.records[run.record.name]) for run in self.problem.runs))
+            records = [changed.records[run.record.name] for run in self.problem.runs]
+            made = Diagram(changed, tuple(assemble_for(changed, record) for record in records))
             if len(self.diagrams) == DIAGRAMS:
                 del self.diagrams[next(iter(self.diagrams))]
             self.diagrams[key] = made

@@ -1,8 +1,8 @@
 """Effects that begin at a time: a scan over the times of onset of all scored candidates, with one time for each record.
 
-To first order, an effect that acts in record k from t_k on moves the channels of this record by the direction s of the effect
-for t > t_k only, as far as the machine forgets quickly. The gain of the masked direction over a grid of times costs no
-simulation: with J (n, m) the derivatives to the free parameters and P those of the priors, it needs of each record only
+To first order, an effect that acts in record k from t_k on moves the channels of this record by the direction s of the
+effect for t > t_k only, as far as the machine forgets quickly. The gain of the masked direction over a grid of times costs
+no simulation: with J (n, m) the derivatives to the free parameters and P those of the priors, it needs of each record only
 
     b_k = s_k'r_k,   g_k = J_k's_k,   q_k = s_k's_k        over the samples after t_k,
 

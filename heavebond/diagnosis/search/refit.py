@@ -462,7 +462,8 @@ class _RefitProblem:
         held_out = own_starts_of(problem, inner, exact)
         errors = predictive_errors(problem, inner, exact, r, held_out)
         each = {name for name, f in problem.experiment.free.items() if f.each}
-        own = {run.record.name: {name: there[name] for name in each} for run, there in zip(problem.runs, values, strict=True)}
+        own = {run.record.name: {name: there[name] for name in each}
+               for run, there in zip(problem.runs, values, strict=True)}
         sought = sum(is_instant(problem.experiment.model, name) for there in held_out.values() for name in there)
         at_end = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(inner), strict=True)
                        if end and c.free.name not in {*self.ranges, *self.candidate.change.each})
