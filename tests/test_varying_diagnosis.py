@@ -11,16 +11,15 @@ import numpy as np
 import pytest
 
 import heavebond as hb
+from heavebond.diagnosis.answer.files import Targets, write_findings
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.places import candidates
 from heavebond.diagnosis.candidates.varying import varying_parameters
-
-
-from heavebond.diagnosis.answer.files import Targets, write_findings
 from heavebond.diagnosis.diagnose import diagnose
 from heavebond.diagnosis.evidence.comparison import dispensable_variations
 from heavebond.diagnosis.evidence.prediction import FITTED, PredictiveErrors
 from heavebond.diagnosis.search.base_model import searched
+from heavebond.diagnosis.search.onset import _Scan
 from heavebond.language.edits import Change
 
 DIAGRAM = """model: small
@@ -118,8 +117,9 @@ def test_friction_that_begins_at_a_time_is_named_with_the_time(tmp_path):
                    end=", rub.a", nodes="\n  g: [rub.b, ground.a]")
     diagnosis = found(path, "dry friction")
     assert diagnosis.findings[0].candidate.place == "between mass and the surroundings from a time on"
-    onset = next(p for p in diagnosis.findings[0].parameters if p.name.endswith(".t_0"))
-    assert onset.value == pytest.approx(9.2, abs=0.1)
+    times = {record: value for record, values in diagnosis.findings[0].fit.record_values.items()
+             for name, value in values.items() if name.endswith(".t_0")}
+    assert times == pytest.approx({"a": 9.2, "b": 9.2}, abs=0.1)
 
 
 def test_friction_varies_with_the_relative_position_of_its_nodes(tmp_path):
@@ -246,3 +246,35 @@ def test_a_leakage_that_begins_at_another_time_in_each_record_is_named_with_thes
     fitted = {record: next(iter(values.values())) for record, values in hb.fit(written).record_values.items()}
     assert fitted["second"] < 0
     assert (fitted["first"], fitted["third"]) == pytest.approx((times["first"], times["third"]), abs=0.05)
+
+
+def test_the_scan_finds_the_onset_of_each_record_with_both_ends():
+    random = np.random.default_rng(1)
+    begins = {"early": 3.0, "whole": -1.0, "absent": 99.0, "late": 18.7}
+    grid, n = np.linspace(0, 20, 401), 401
+    time = np.tile(grid, 2*len(begins))  # two channels
+    record = np.repeat(np.arange(len(begins)), 2*n)
+    acting = time > np.array(list(begins.values()))[record]
+    s = np.sin(1.7*time + record) + 0.5*np.sign(np.sin(0.6*time))
+    J = np.column_stack([np.cos(0.9*time), 1 + 0.1*time, s + 0.7*np.cos(time)])
+    projected = np.linalg.qr(J)[0]
+
+    def apart(v: np.ndarray) -> np.ndarray:
+        return v - projected @ (projected.T @ v)
+
+    r = apart(random.normal(size=len(time)) - 2.0*s*acting)
+    left, length = apart(s), float(np.linalg.norm(apart(s)))
+    z = -float(left @ r)/length
+    runs = [SimpleNamespace(record=SimpleNamespace(name=name), found=SimpleNamespace(grid=grid), counts=np.ones((2, n), bool))
+            for name in begins]
+    base = SimpleNamespace(J=J, priors=np.zeros((0, 3)), moving=np.arange(3), r=r, problem=SimpleNamespace(runs=runs))
+    score = SimpleNamespace(told_apart=True, z=z, size=float(np.linalg.norm(s)), share=length/float(np.linalg.norm(s)),
+                            direction=left/length, signed=False,
+                            step=-np.linalg.lstsq(J, s, rcond=None)[0]*z/length)
+    gain, whole, found_times = _Scan(base).best(score)
+    # the grid of a record has 200 steps of 0.1 s; the noise moves a time by a few samples of 50 ms
+    assert found_times["early"] == pytest.approx(3.0, abs=0.3) and found_times["late"] == pytest.approx(18.7, abs=0.3)
+    assert found_times["whole"] == 0.0 and found_times["absent"] == 20.0
+    # the gain is that of the direction with these times
+    exact = apart(s*(time > np.array(list(found_times.values()))[record] - 1e-9*(record == 1)))
+    assert gain == pytest.approx(float(exact @ r)**2/float(exact @ exact), rel=1e-6) and whole == pytest.approx(z**2, rel=1e-6)
