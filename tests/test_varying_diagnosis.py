@@ -265,8 +265,8 @@ def test_the_scan_finds_the_onset_of_each_record_with_both_ends():
     r = apart(random.normal(size=len(time)) - 2.0*s*acting)
     left, length = apart(s), float(np.linalg.norm(apart(s)))
     z = -float(left @ r)/length
-    runs = [SimpleNamespace(record=SimpleNamespace(name=name), found=SimpleNamespace(grid=grid), counts=np.ones((2, n), bool))
-            for name in begins]
+    counts, found_grid = np.ones((2, n), bool), SimpleNamespace(grid=grid)
+    runs = [SimpleNamespace(record=SimpleNamespace(name=name), found=found_grid, counts=counts) for name in begins]
     base = SimpleNamespace(J=J, priors=np.zeros((0, 3)), moving=np.arange(3), r=r, problem=SimpleNamespace(runs=runs))
     score = SimpleNamespace(told_apart=True, z=z, size=float(np.linalg.norm(s)), share=length/float(np.linalg.norm(s)),
                             direction=left/length, signed=False,
@@ -277,4 +277,5 @@ def test_the_scan_finds_the_onset_of_each_record_with_both_ends():
     assert found_times["whole"] == 0.0 and found_times["absent"] == 20.0
     # the gain is that of the direction with these times
     exact = apart(s*(time > np.array(list(found_times.values()))[record] - 1e-9*(record == 1)))
-    assert gain == pytest.approx(float(exact @ r)**2/float(exact @ exact), rel=1e-6) and whole == pytest.approx(z**2, rel=1e-6)
+    assert gain == pytest.approx(float(exact @ r)**2/float(exact @ exact), rel=1e-6)
+    assert whole == pytest.approx(z**2, rel=1e-6)
