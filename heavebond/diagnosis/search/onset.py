@@ -98,7 +98,7 @@ class _Scan:
         self.inverse = np.linalg.pinv(whole / scale[:, None] / scale, rcond=1e-12) / scale[:, None] / scale
         self.slope = self.J.T @ base.r
         ends = np.cumsum([0, *(int(run.counts.sum()) for run in base.problem.runs)])
-        self.records = []
+        self.records: list[tuple[str, slice, Array, Array]] = []
         for run, begin, end in zip(base.problem.runs, ends[:-1], ends[1:], strict=True):
             times = run.found.grid[np.nonzero(run.counts)[1]]
             low, high = float(run.found.grid[0]), float(run.found.grid[-1])

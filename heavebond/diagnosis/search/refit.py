@@ -506,7 +506,9 @@ class _RefitProblem:
         exact = exact_runs(problem.experiment, self.runs, self.base.exact)
         parts, blocks = [np.zeros(0)], [np.zeros((0, len(inner)))]
         for record in problem.experiment.records.values():
-            values = problem.values_of(inner, record.name) | (own.get(record.name, {}) if record.use != "fit" else {})
+            values = problem.values_of(inner, record.name)
+            if record.use != "fit":
+                values.update(own.get(record.name, {}))
             wrong, moved = exact[record.name].again(names, values, QuickSimulator).held_out(values)
             block = np.zeros((len(wrong), len(inner)))
             for k, column in enumerate(problem.columns):
