@@ -238,7 +238,7 @@ def test_a_leakage_that_begins_at_another_time_in_each_record_is_named_with_thes
     assert times["first"] == pytest.approx(12, abs=0.05) and times["third"] == pytest.approx(6.5, abs=0.05)
     assert times["second"] < 0
     said = next(word for word in diagnosis.words if word.startswith("The effect begins at"))
-    assert said.endswith(" s in record third (fitted to this record), and acts in the whole record second.")
+    assert said.endswith(" s in record third (fitted to this record) and acts in the whole record second.")
     given = hb.load_experiment(tmp_path / "experiment.yaml")
     written = write_findings(given, diagnosis.added, Targets.beside(given, tmp_path))[-1]
     # 200 samples: chi-square per sample is 1 +- 0.1

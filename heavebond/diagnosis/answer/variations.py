@@ -55,7 +55,7 @@ def onset_words(finding: AddedEffect) -> str:
     parts = [f"begins {_and(at)}" if at else "", f"acts in the whole record {_and(whole)}" if whole else "",
              f"does not act in record {_and(absent)}" if absent else ""]
     what = "change" if finding.candidate.attaches == "parameter" else "effect"
-    return f"The {what} {', and '.join(part for part in parts if part)}." if any(parts) else ""
+    return f"The {what} {_and([part for part in parts if part])}." if any(parts) else ""
 
 
 def _and(names: Sequence[str]) -> str:
