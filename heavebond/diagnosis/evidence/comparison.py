@@ -133,16 +133,16 @@ def differs_materially(best: Refit, other: Refit, misfit: float) -> bool:
     return all(differ(_left(best, joint), _left(other, joint)) for joint in (False, True))
 
 
-def dispensable_variations(trials: Sequence[Refit], first: bool = True) -> list[Refit]:
+def dispensable_variations(trials: Sequence[Refit], later: bool = False) -> list[Refit]:
     """The trials that vary a parameter of the diagram and that do not reach the noise, if a law with constant parameters is
-    not materially worse, or if this is not the `first` step.
+    not materially worse, or if this is a `later` step than the first.
 
     A parameter that varies over a variable, over time or between records describes a difference without a cause, and there
     are many of them. So a variation that does not reach the noise must leave several times less above the noise (`times`)
     than each law. After the first step the residual may be the error of the law before it, which variations imitate.
     """
     laws = [_left(t, False) for t in trials if not t.candidate.varies and t.errors is not None]
-    least = min(laws, default=inf) if first else 0.0
+    least = 0.0 if later else min(laws, default=inf)
     return [t for t in trials if t.candidate.varies and t.errors is not None and not leaves_noise(t)
             and least <= DECISION.times * max(_left(t, False), DECISION.near - 1.0)]
 

@@ -143,7 +143,7 @@ def make_stage(experiment: Experiment, *, beside: Sequence[Candidate] = (), numb
     found = [c for c in candidates(experiment, excluded, site) if chosen(c)]
     distant = [c for c in between_all_nodes(experiment, site) if chosen(c)]
     made = _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough, distant=distant,
-                 varying=chosen, first=not beside)
+                 varying=chosen, later=bool(beside))
     return replace(made, excluded={**excluded, **made.excluded})
 
 
@@ -188,10 +188,10 @@ def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> 
 
 def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None, seconds: float, say: Progress,
           always: bool = False, thorough: bool = False, beside: Refit | None = None, most: int | None = None,
-          distant: Sequence[Candidate] = (), varying: Callable[[Candidate], bool] | None = None, first: bool = True
+          distant: Sequence[Candidate] = (), varying: Callable[[Candidate], bool] | None = None, later: bool = False
           ) -> Stage:
     """`distant` are candidates of which those get an exact score whose prescore promises it; `varying` chooses among the
-    variations of parameters, which are scored if no other candidate comes near the noise. After the `first` step those are
+    variations of parameters, which are scored if no other candidate comes near the noise. In a `later` step those are
     refitted whose scores promise most of the residual, as only those count that reach the noise."""
     began = clock.perf_counter()
     say("fitting what is free")
@@ -230,7 +230,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
                     found, scores, excluded = [*found, *more], [*scores, *of_variations], excluded | weak
                     known |= {s.candidate.label for s in of_variations}
                     jobs, _, twins = planned(scores, as_one)
-                    promised = 0.0 if first else DECISION.mainly * float(base.r @ base.r)
+                    promised = DECISION.mainly * float(base.r @ base.r) if later else 0.0
                     leading_variations = [job for job in jobs if job[0].label in {c.label for c in more}
                                           and max((score.gain for score in job[1]), default=0.0) >= promised]
                     partial = not refits.make(leading_variations, [], until)
@@ -250,7 +250,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
         excluded |= {label: "it never acts in the fitted records" for label, t in refits.trials.items() if not t.acts}
     trials = [t for label, t in refits.trials.items() if label not in excluded]
     excluded |= {t.candidate.label: "laws with constant parameters leave hardly more"
-                 for t in dispensable_variations(trials, first)}
+                 for t in dispensable_variations(trials, later)}
     trials = [t for t in trials if t.candidate.label not in excluded]
     made = _judged(base, errors, left, scores, trials, twins, partial, clock.perf_counter() - began, as_one)
     broken = tuple(c.label for c in found if c.label not in known and c.label not in workers.lost) if scored_all else ()
