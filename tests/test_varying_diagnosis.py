@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import heavebond as hb
+from heavebond.diagnosis.answer.confirm import _with_late_times
 from heavebond.diagnosis.answer.files import Targets, write_findings
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.places import candidates
@@ -20,7 +21,10 @@ from heavebond.diagnosis.evidence.comparison import dispensable_variations
 from heavebond.diagnosis.evidence.prediction import FITTED, PredictiveErrors
 from heavebond.diagnosis.search.base_model import searched
 from heavebond.diagnosis.search.onset import _Scan
+from heavebond.estimation.comparison import compare
+from heavebond.language.definition import Value
 from heavebond.language.edits import Change
+from heavebond.text.expression import constant
 
 DIAGRAM = """model: small
 components:
@@ -281,3 +285,23 @@ def test_the_scan_finds_the_onset_of_each_record_with_both_ends():
     exact = apart(s*(time > np.array(list(found_times.values()))[record] - 1e-9*(record == 1)))
     assert gain == pytest.approx(float(exact @ r)**2/float(exact @ exact), rel=1e-6)
     assert whole == pytest.approx(z**2, rel=1e-6)
+
+
+def test_what_does_not_begin_in_an_excerpt_begins_after_the_whole_record(tmp_path):
+    path = records(tmp_path, ("", ""))
+    rubbing = {"parts": "\n  rub: {is: CoulombFriction, F_c: 6 N}\n  ground: {is: Fixed}\n"
+                        "  late: {is: Onset, u: =time, t_0: 5 s, u_m: 10 s}",
+               "end": ", rub.a", "nodes": "\n  g: [rub.b, ground.a]"}
+    (tmp_path / "small.yaml").write_text(diagram(**rubbing) + "vary: {rub.F_c: =late.factor}\n")
+    text = path.read_text().replace("{file: a.csv,", "{file: a.csv, set: {late.t_0: 8.2 s}, to: 8 s,")
+    path.write_text(text + "  late.t_0: {range: 0 .. 8.2 s, each: record}\n")
+    searched = hb.load_experiment(path)
+    whole = replace(searched, records={**searched.records, "a": replace(searched.records["a"], end=None)})
+    moved = _with_late_times(whole, searched, compare(whole))
+    # the excerpt ends at 8 s, the record at 20 s
+    setting = moved.records["a"].settings["late.t_0"].value
+    assert isinstance(setting, Value) and constant(setting.expr) == pytest.approx(20.2)
+    assert moved.free["late.t_0"].range.high == pytest.approx(20.2)
+    # a time within the excerpt stays
+    within = whole.with_record_values({"a": {"late.t_0": 6.0}})
+    assert _with_late_times(within, searched, compare(whole)).free["late.t_0"].range.high == pytest.approx(8.2)

@@ -21,8 +21,10 @@ from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.comparison import Comparison, assemble_for, compare, compare_record
 from heavebond.estimation.excerpts import as_long_as, cut
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_experiment
-from heavebond.estimation.fitting import Fit, evaluated, fit
+from heavebond.estimation.fitting import Fit, evaluated, fit, is_instant
 from heavebond.estimation.input_smoothing import with_smoothed_inputs
+from heavebond.language.definition import Value
+from heavebond.text.expression import constant
 
 
 def loaded(experiment: ExperimentOrFile) -> tuple[Experiment, tuple[str, ...]]:
@@ -67,12 +69,36 @@ def confirmed(added: SelectedEffect, given: Experiment, seconds: float = inf, be
     """The chosen effect with intervals and figures from full runs on the whole of the records; the fit begins from the
     values of the search and ends after `seconds` with the best so far; without time, the values of the search are the
     result. `before` is the comparison without the effect."""
-    experiment = as_long_as(given, following(added.step))
+    searched = following(added.step)
+    experiment = as_long_as(given, searched)
+    if before is not None:
+        experiment = _with_late_times(experiment, searched, before)
     found = with_limits(added.candidate, evaluated(experiment, before) if seconds <= 0 else fit(
         experiment, partial=seconds < inf, seconds=seconds, before=before, progress=progress))
     own = {n.name for n in added.candidate.numbers}
     return AddedEffect(added.candidate, tuple(p for p in found.parameters if p.name in own),
                    ladder_entry(f"+ {added.candidate.label}", found.after), found, added.alternatives)
+
+
+def _with_late_times(experiment: Experiment, searched: Experiment, before: Comparison) -> Experiment:
+    """The experiment in which a time that was found at or after the end of an excerpt, so that something does not begin in
+    it, is as far after the end of the whole record, which `before` has."""
+    ends = {name: (searched.records[name].end, float(record.result.time[-1])) for name, record in before.records.items()
+            if record.use == "fit" and name in searched.records}
+    for name, free in experiment.free.items():
+        if not free.each or not is_instant(experiment.model, name):
+            continue
+        later = {}
+        for record, (cut_at, end) in ends.items():
+            setting = experiment.records[record].settings.get(name)
+            value = constant(setting.value.expr) if setting is not None and isinstance(setting.value, Value) else None
+            if cut_at is not None and value is not None and value >= cut_at and end > cut_at:
+                later[record] = {name: end + value - cut_at}
+        if later:
+            high = max(free.range.high, *(values[name] for values in later.values()))
+            experiment = replace(experiment.with_record_values(later),
+                                 free={**experiment.free, name: replace(free, range=replace(free.range, high=high))})
+    return experiment
 
 
 # Share of the time that is kept for a fit to the excerpt alone, and as often the time of a comparison with all records is
