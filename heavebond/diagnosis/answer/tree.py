@@ -32,6 +32,7 @@ from heavebond.diagnosis.evidence.probability import (
     OTHER,
     OUTSIDE,
     PARAMETERS,
+    Calibration,
     Event,
     Evidence,
     evidence,
@@ -146,7 +147,7 @@ class Tree:
 
 
 @dataclass(frozen=True)
-class _Leaf:
+class Leaf:
     """A law with its probability: keys and names of the levels below the answer, from the top down."""
 
     keys: tuple[object, ...]
@@ -182,12 +183,7 @@ def answer_tree(steps: Sequence[Stage], known: Evidence | None, findings: Sequen
 def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, localization: Localization | None, share: float
                  ) -> EffectTree:
     library = step.experiment.model.library
-    events = probabilities(known)
-    masses = {e.kind: e.probability for e in events if not e.labels}
-    named = [e for e in events if e.labels]
-    effects = _leaves(step, named, library) if named else \
-        _scored(step, max(0.0, masses.get(OTHER, 0.0) - CALIBRATION.lapse), library)
-    outside = _of_their_class(_outside(step, known, effects, localization, masses.get(OUTSIDE, 0.0)), effects)
+    effects, outside, masses = answer_leaves(step, known, localization)
     root = Node("answer", "the records", 1.0, (
         *_grown([*effects, *outside], 0), *(Node("system", name, masses.get(name, 0.0), key=name)
                                             for name in (NOTHING, PARAMETERS) if masses.get(name, 0.0) > 0)))
@@ -199,7 +195,21 @@ def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, loca
                       _short(path, best), share)
 
 
-def _leaves(step: Stage, events: Sequence[Event], library: Library) -> list[_Leaf]:
+def answer_leaves(step: Stage, known: Evidence, localization: Localization | None, constants: Calibration = CALIBRATION
+                  ) -> tuple[list[Leaf], list[Leaf], dict[str, float]]:
+    """The laws of the catalogue, and those outside it, with their probabilities; and the probabilities of the other events,
+    by their kinds."""
+    library = step.experiment.model.library
+    events = probabilities(known, constants)
+    masses = {e.kind: e.probability for e in events if not e.labels}
+    named = [e for e in events if e.labels]
+    effects = _laws(step, named, library, constants.temperature) if named else \
+        _scored(step, max(0.0, masses.get(OTHER, 0.0) - constants.lapse), library)
+    outside = _outside(step, known, effects, localization, masses.get(OUTSIDE, 0.0), constants.temperature)
+    return effects, _of_their_class(outside, effects), masses
+
+
+def _laws(step: Stage, events: Sequence[Event], library: Library, temperature: float) -> list[Leaf]:
     """The effects of the catalogue with their probabilities, each class at a place divided among its laws."""
     known = [*(s.candidate for s in step.scores), *(t.candidate for t in step.trials)]
     candidates = {c.label: c for c in known}
@@ -210,16 +220,16 @@ def _leaves(step: Stage, events: Sequence[Event], library: Library) -> list[_Lea
             continue
         laws = [candidates[label] for label in event.labels if label in candidates]
         fitted = [trials[c.label] for c in laws if c.label in trials]
-        shares = dict(zip((t.candidate.label for t in fitted), law_weights(fitted)[CALIBRATION.temperature], strict=True)) \
+        shares = dict(zip((t.candidate.label for t in fitted), law_weights(fitted)[temperature], strict=True)) \
             if fitted else {laws[0].label: 1.0}
         for law in laws:
             if shares.get(law.label, 0.0) > 0:
-                keys, names = _levels(step, law, event.kind, library)
-                found.append(_Leaf(keys, names, event.probability * float(shares[law.label]), (law.label,)))
+                keys, names = levels(step, law, event.kind, library)
+                found.append(Leaf(keys, names, event.probability * float(shares[law.label]), (law.label,)))
     return found
 
 
-def _scored(step: Stage, mass: float, library: Library) -> list[_Leaf]:
+def _scored(step: Stage, mass: float, library: Library) -> list[Leaf]:
     """The candidates before the first refit, by their scores, which are the chi-square that they could remove; of the
     probability `mass` of all the share that was scored."""
     gains = {s.candidate.label: max(s.gain, 0.0) for s in step.scores}
@@ -227,11 +237,11 @@ def _scored(step: Stage, mass: float, library: Library) -> list[_Leaf]:
     found = []
     for score in step.scores if total > 0 else ():
         c = score.candidate
-        found.append(_Leaf(*_levels(step, c, c.kind, library), mass * gains[c.label] / total, (c.label,)))
+        found.append(Leaf(*levels(step, c, c.kind, library), mass * gains[c.label] / total, (c.label,)))
     return found
 
 
-def _levels(step: Stage, candidate: Candidate, kind: str, library: Library) -> tuple[tuple[object, ...], tuple[str, ...]]:
+def levels(step: Stage, candidate: Candidate, kind: str, library: Library) -> tuple[tuple[object, ...], tuple[str, ...]]:
     """Keys and names of a candidate on all levels below the answer."""
     nature = effect_kind(kind)
     system = MEASURING if nature == "measurement" or candidate.attaches == "channel" else MACHINE
@@ -272,32 +282,32 @@ def kind_words(kind: str, domain: Domain | None, pair: bool) -> str:
 
 
 # -- a law outside the catalogue -------------------------------------------------------------------------------------------
-def _outside(step: Stage, known: Evidence, effects: Sequence[_Leaf], localization: Localization | None, mass: float
-             ) -> list[_Leaf]:
+def _outside(step: Stage, known: Evidence, effects: Sequence[Leaf], localization: Localization | None, mass: float,
+             temperature: float) -> list[Leaf]:
     """The probability of a law outside the catalogue over places and kinds: by the weights of the identified curves, else by
     the localisation, else in proportion to the effects of the catalogue."""
     among = sum(leaf.probability for leaf in effects) or 1.0
     if known.curves:
-        weights = known.flexible[CALIBRATION.temperature]
+        weights = known.flexible[temperature]
         words = {leaf.keys[1:3]: leaf.names for leaf in effects}
         leaves = []
         for curve, weight in zip(known.curves, weights / max(float(weights.sum()), 1e-300), strict=True):
             names = frozenset(step.places.as_one.get(name, name) for name in curve.where)
             place = ("", names - step.places.grounds or names, frozenset[str]())
             said = words.get((place, curve.kind), (MACHINE, curve.place, kind_words(curve.kind, None, False)))
-            leaves.append(_Leaf((MACHINE, place, curve.kind, OUTSIDE), (*said[:3], NO_LAW), mass * float(weight)))
+            leaves.append(Leaf((MACHINE, place, curve.kind, OUTSIDE), (*said[:3], NO_LAW), mass * float(weight)))
         return leaves
     if localization is not None and localization.missing and localization.suspects:
-        return _localized(step, localization, mass)
-    found: dict[tuple[object, ...], _Leaf] = {}
+        return _localized(step, localization, mass, temperature)
+    found: dict[tuple[object, ...], Leaf] = {}
     for leaf in effects:
         keys = (*leaf.keys[:3], OUTSIDE)
-        own = found.get(keys, _Leaf(keys, (*leaf.names[:3], NO_LAW), 0.0))
+        own = found.get(keys, Leaf(keys, (*leaf.names[:3], NO_LAW), 0.0))
         found[keys] = replace(own, probability=own.probability + mass * leaf.probability / among)
     return list(found.values())
 
 
-def _of_their_class(outside: Sequence[_Leaf], effects: Sequence[_Leaf]) -> list[_Leaf]:
+def _of_their_class(outside: Sequence[Leaf], effects: Sequence[Leaf]) -> list[Leaf]:
     """Laws outside the catalogue as laws of a class: that of nearly all effects of the same kind at the same place. (A flow
     between two nodes that depends on their pressure difference is leakage, whatever its law is.)"""
     found = []
@@ -312,10 +322,10 @@ def _of_their_class(outside: Sequence[_Leaf], effects: Sequence[_Leaf]) -> list[
     return found
 
 
-def _localized(step: Stage, localization: Localization, mass: float) -> list[_Leaf]:
+def _localized(step: Stage, localization: Localization, mass: float, temperature: float) -> list[Leaf]:
     """The same where the unknown input at the places is known: by the likelihood of each group of places that the records
     cannot distinguish, tempered as that of the laws; what no place explains is left to "another"."""
-    likelihood = {s.place.name: math.exp(-s.behind / CALIBRATION.temperature) for s in localization.suspects}
+    likelihood = {s.place.name: math.exp(-s.behind / temperature) for s in localization.suspects}
     groups = {frozenset((s.place.name, *s.alike)): likelihood[s.place.name] for s in localization.suspects}
     explained = min(1.0, max(0.0, max(s.explained for s in localization.suspects)))
     found = []
@@ -323,7 +333,7 @@ def _localized(step: Stage, localization: Localization, mass: float) -> list[_Le
         group = next(g for g in groups if s.place.name in g)
         share = groups[group] / sum(groups.values()) / sum(o.place.name in group for o in localization.suspects)
         keys, names = _input_levels(step, s)
-        found.append(_Leaf(keys, names, mass * explained * share))
+        found.append(Leaf(keys, names, mass * explained * share))
     return found
 
 
@@ -345,9 +355,9 @@ def _input_levels(step: Stage, suspect: PlaceEstimate) -> tuple[tuple[object, ..
 
 
 # -- the tree -----------------------------------------------------------------------------------------------------------
-def _grown(leaves: Sequence[_Leaf], depth: int) -> tuple[Node, ...]:
+def _grown(leaves: Sequence[Leaf], depth: int) -> tuple[Node, ...]:
     """The branches of the level below `depth` levels, each called as its most probable leaf."""
-    groups: dict[object, list[_Leaf]] = {}
+    groups: dict[object, list[Leaf]] = {}
     for leaf in leaves:
         if len(leaf.keys) > depth:
             groups.setdefault(leaf.keys[depth], []).append(leaf)
