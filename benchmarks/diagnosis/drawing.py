@@ -1,4 +1,4 @@
-"""Cases of the calibration study, drawn at random: what is hidden in a machine, and its records."""
+"""Cases drawn at random of machines that are perfect but for one law, one value or nothing: what is hidden, and records."""
 
 from __future__ import annotations
 
@@ -208,7 +208,7 @@ class _Case:
         size = float(np.sqrt(target * len(reference.r))) / (score.size * score.share)
         side = score.side or (int(self.rng.choice([-1, 1])) if score.signed else 1)
         for _ in range(4):
-            values = self._numbers(score, side * size)
+            values = numbers_at(score, side * size)
             changed = score.candidate.change.with_values(
                 {n.name: quantity(values[n.name], n.unit) for n in score.candidate.numbers})
             clean = self._clean(changed_experiment(self.base, changed), {**self.values, **values}, TIGHT)
@@ -220,20 +220,21 @@ class _Case:
                 break
         raise _Unfit
 
-    @staticmethod
-    def _numbers(score: Score, step: float) -> dict[str, float]:
-        found = {n.name: n.neutral for n in score.candidate.vanishing} | dict(score.shapes)
-        for n in score.candidate.numbers:
-            if n.name in score.along:
-                low = n.low if n.low is not None else -np.inf
-                high = n.high if n.high is not None else np.inf
-                found[n.name] = float(np.clip(n.neutral + step, low, high))
-        return found
-
     def _left(self, reference: Base, base: Mapping[str, Array], clean: Mapping[str, Array], noise: Array) -> float:
         """What free parameters do not take of the difference on the fitted record, in noise variances per sample."""
         s = ((base["record_0"] - clean["record_0"]) / noise[:, None])[reference.problem.runs[0].counts]
         return float(np.mean(reference.split(s)[0] ** 2))
+
+
+def numbers_at(score: Score, step: float) -> dict[str, float]:
+    """The numbers of an effect with its amplitudes at a step from neutral."""
+    found = {n.name: n.neutral for n in score.candidate.vanishing} | dict(score.shapes)
+    for n in score.candidate.numbers:
+        if n.name in score.along:
+            low = n.low if n.low is not None else -np.inf
+            high = n.high if n.high is not None else np.inf
+            found[n.name] = float(np.clip(n.neutral + step, low, high))
+    return found
 
 
 def without(everything: Sequence[Candidate], kind: str) -> tuple[str, ...]:

@@ -57,12 +57,14 @@ class Machine:
 
         return signal
 
-    def experiment(self, records: Mapping[str, str], noise: Mapping[str, float]) -> str:
-        """The text of the experiment on records with their uses; `noise` of the channels that is given, in their units."""
+    def experiment(self, records: Mapping[str, str], noise: Mapping[str, float], of_input: float = 0.0) -> str:
+        """The text of the experiment on records with their uses; `noise` of the channels, and `of_input`, as far as it is
+        given, in their units."""
+        known = f", noise: {of_input:.6g} {self.unit}" if of_input else ""
         lines = [f"experiment: {self.name}", f"model: {self.model}", "records:"]
         lines += [f"  {name}: {{file: {name}.csv, use: {use}}}" for name, use in records.items()]
         lines += ["time: {column: time, unit: s}", "inputs:",
-                  f"  {self.input}: {{column: input, unit: {self.unit}, interpolation: spline}}", "outputs:"]
+                  f"  {self.input}: {{column: input, unit: {self.unit}, interpolation: spline{known}}}", "outputs:"]
         for k, (formula, unit) in enumerate(self.outputs.items()):
             given = f", noise: {noise[formula]:.6g} {unit}" if formula in noise else ""
             lines.append(f"  channel_{k}: {{is: {formula}, column: channel_{k}, unit: {unit}{given}}}")
