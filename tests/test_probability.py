@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from benchmarks.diagnosis import drawing, reliability
+from benchmarks.diagnosis import drawing
 from benchmarks.diagnosis.machines import MACHINES
-from benchmarks.diagnosis.verdicts import interval, outcome
+from benchmarks.diagnosis.verdicts import interval
 from heavebond.diagnosis.candidates.catalogue import single_candidates
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.candidates.places import Places
@@ -150,32 +150,8 @@ def test_a_case_of_the_study_is_drawn_and_judged(tmp_path: Path) -> None:
     assert f"{one.effect.component} before supply.u" in candidates and "FirstOrderLag in the channel channel_0" in candidates
 
 
-def test_what_was_hidden_is_one_of_the_events() -> None:
-    """By the labels in the row; by its kind where it is no effect; else it is one that was not considered."""
-    events = probabilities(known(), GIVEN)
-    row = {"hidden": "inside", "true": list(FRICTION.labels)}
-
-    def hit(**changed: object) -> list[str]:
-        return [e.kind for e, true in zip(events, reliability.happened({**row, **changed}, events), strict=True) if true]
-
-    assert hit() == ["dry friction"] and hit(true=[]) == [OTHER]
-    assert hit(hidden="fixed") == [PARAMETERS] and hit(hidden="outside") == [OUTSIDE]
-    kept = {"machine": "a", **row, "evidence": known().as_dict()}
-    rows = [kept, {**kept, "true": []}, {**kept, "hidden": "fixed"}, {**kept, "hidden": "outside"},
-            {**kept, "hidden": "nothing", "evidence": known(missing=1.0, sheet=1.0).as_dict()}]
-    losses = reliability.Table.of(rows).losses(GIVEN)
-    for loss, row in zip(losses, rows, strict=True):
-        assert loss == pytest.approx(reliability.reliability([row], [GIVEN]).loss, abs=1e-3)  # weights have four digits
-
-
-def test_outcomes_and_their_intervals() -> None:
-    """A name where the class is struck is wrong; 0 of 20: up to 16.8 % (Clopper and Pearson: 1 - 0.025**(1/20))."""
-    row = {"hidden": "outside", "verdict": "effect", "right": False, "label": "Drag", "words": []}
-    assert outcome(row) == "wrong" and outcome({**row, "verdict": "shape"}) == "right"
-    assert outcome({**row, "hidden": "inside"}) == "wrong" and outcome({**row, "hidden": "inside", "right": True}) == "right"
-    assert outcome({**row, "hidden": "free"}) == "wrong"
-    assert outcome({**row, "hidden": "free", "verdict": "nothing"}) == "right"
-    assert outcome({**row, "hidden": "fixed", "words": ["with Drag at 2"]}) == "right"
+def test_intervals_of_shares() -> None:
+    """0 of 20: up to 16.8 % (Clopper and Pearson: 1 - 0.025**(1/20))."""
     assert interval(0, 20) == pytest.approx((0.0, 1 - 0.025**(1 / 20)))
     assert interval(20, 20) == pytest.approx((0.025**(1 / 20), 1.0))
 

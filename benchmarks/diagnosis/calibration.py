@@ -1,134 +1,238 @@
-"""How often what is called probable is true, over machines of different kinds.
+"""How often what is called probable is true, on cluttered machines of different kinds.
 
-`python -m benchmarks.diagnosis.calibration [SECONDS [MACHINE ...]]` diagnoses the cases that are not on disk yet, one of
-each machine after the other, for so long; `python -m benchmarks.diagnosis.calibration fit` fits the constants of
-`heavebond.diagnosis.evidence.probability` to all of them and prints the figures."""
+`python -m benchmarks.diagnosis.calibration run` diagnoses the cases that are not on disk yet, one of each machine after the
+other; with names of machines only these. `--cases` of each machine, `--limit` is the processor time of each diagnosis in s
+(the answer at the limit counts), `--seconds` the duration after which no case is begun.
+
+`python -m benchmarks.diagnosis.calibration report` prints how reliable the probabilities are, with the constants of
+`heavebond.diagnosis.evidence.probability` and with those that are fitted to all other machines; `--pictures DIR` for the
+reliability diagrams."""
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import json
-import sys
 import tempfile
 import time as clock
-from collections.abc import Sequence
+import traceback
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from unittest.mock import patch
 
-import heavebond as hb
-from benchmarks.diagnosis import keeping
-from benchmarks.diagnosis.drawing import Drawn, drawn
-from benchmarks.diagnosis.machines import MACHINES, Machine
-from heavebond.core.errors import HeavebondError
-from heavebond.diagnosis.candidates.catalogue import Candidate
-from heavebond.diagnosis.candidates.fixed_values import VALUE, fixed_values
-from heavebond.diagnosis.candidates.places import Places, candidates
-from heavebond.diagnosis.diagnose import Diagnosis
-from heavebond.diagnosis.evidence.comparison import ALL
+import numpy as np
 
-STUDY = "calibration"
-CASES = 50  # of each machine
-LONGEST = 900.0  # s of a case; one that is not done by then is not counted
-NAMING = ("effect", "one_of", "mainly", "parameters")  # verdicts that name a set
-LISTED = 8  # candidates of a case that are kept
+import heavebond as hb
+from benchmarks.diagnosis import keeping, reliability
+from benchmarks.diagnosis.cluttered import Drawn, alike, drawn
+from benchmarks.diagnosis.machines import MACHINES, Machine
+from benchmarks.diagnosis.measured import count_processor_time
+from heavebond.core.cancellation import Budget
+from heavebond.diagnosis.answer.tree import LEVELS, Leaf, answer_leaves, levels
+from heavebond.diagnosis.candidates.catalogue import Candidate
+from heavebond.diagnosis.candidates.fixed_values import VALUE
+from heavebond.diagnosis.diagnose import Diagnosis
+from heavebond.diagnosis.evidence.comparison import ALL, loss
+from heavebond.diagnosis.evidence.prediction import confidence_set, discrepancy, levelled
+from heavebond.diagnosis.evidence.probability import CALIBRATION, OUTSIDE, TEMPERATURES, Evidence, parts
+from heavebond.diagnosis.search.step import Stage
+from heavebond.numerics.dae import Array
+
+STUDY = reliability.STUDY
+CASES = 30  # of each machine
+LIMIT = 60.0  # s of processor time of a diagnosis
+DRAWING = 120.0  # s of processor time of a draw
+SHOWN = ("hidden", "truth", "stated", "seconds", "draw_seconds", "broken", "trace")  # of a case, while the study runs
+LISTED = 6  # refits whose errors are kept
+LEAVES = 20  # laws that are kept,
+LEAST = 0.003  # with at least this weight
+DIGITS = 4
+GRID = TEMPERATURES[1:]
 
 
 def rules() -> str:
-    """A digest of the modules that decide: rows of other rules are not mixed with those of the present ones."""
+    """A digest of the modules of the diagnosis: rows of other rules are not mixed with those of the present ones."""
     folder = Path(hb.__file__).parent / "diagnosis"
-    text = b"".join(path.read_bytes() for path in sorted(folder.glob("*.py")) if path.stem != "probability")
+    text = b"".join(path.read_bytes() for path in sorted(folder.rglob("*.py")))
     return hashlib.sha256(text).hexdigest()[:10]
 
 
-def judged(machine: Machine, number: int) -> dict[str, object]:
-    """One case from its draw to the evidence for each event."""
+def judged(machine: Machine, number: int, limit: float) -> dict[str, object]:
+    """One case from its draw to the evidence for each branch of the answer."""
     began = clock.process_time()
     with tempfile.TemporaryDirectory() as folder:
-        case = drawn(machine, number, Path(folder))
+        case = Budget(DRAWING).made(lambda: drawn(machine, number, Path(folder)))
+        if case is None:
+            return {"broken": f"no draw within {DRAWING:g} s"}
         made = clock.process_time()
         # the search for an experiment that decides has no part in the probabilities
         with patch("heavebond.diagnosis.phases._separation", lambda *_: None):
-            found = hb.diagnose(case.experiment, steps=1, number=1, seconds=LONGEST, classes=case.classes)
-    row = _row(case, found)
-    return row | {"draw_seconds": round(made - began, 2), "seconds": round(clock.process_time() - made, 2)}
+            answer = hb.diagnose(case.experiment, number=1, seconds=limit, classes=case.classes)
+        ended = clock.process_time()
+        row = _row(case, answer)
+    return row | {"draw_seconds": round(made - began, 1), "seconds": round(ended - made, 1), "limit": limit}
 
 
-def _row(case: Drawn, found: Diagnosis) -> dict[str, object]:
-    assert found.evidence is not None
-    effect = case.effect
-    return {"hidden": case.hidden, "kind": effect.kind if effect else "", "where": list(effect.where) if effect else [],
-            "label": effect.label if effect else case.name, "misfit": round(case.misfit, 3), "values": dict(case.values),
-            "records": len(case.experiment.records), "given": case.experiment.noise_given, "partial": found.partial,
-            "verdict": found.verdict, "words": list(found.words),
-            "chi2": [[r.chi2_fit, r.chi2_held_out] for r in found.ladder], **answers(case, found),
-            "evidence": found.evidence.as_dict(), "details": _details(found)}
+def _row(case: Drawn, answer: Diagnosis) -> dict[str, object]:
+    truth = case.effect.label if case.effect is not None else case.name
+    row: dict[str, object] = {
+        "hidden": case.hidden, "truth": truth, "kind": case.effect.kind if case.effect is not None else "",
+        "misfit": round(case.misfit, 3), "share": round(case.share, 3), "minor": case.minor,
+        "records": len(case.experiment.records), "given": case.experiment.noise_given, "partial": answer.partial,
+        "verdict": answer.verdict, "chi2": [[_short(r.chi2_fit), _short(r.chi2_held_out)] for r in answer.ladder]}
+    if not answer.steps or answer.evidence is None:
+        return row
+    step = next(iter(answer.reviews), None) or answer.steps[0]
+    row["named"] = [[f.candidate.label, _match(case, step, f.candidate)] for f in answer.findings]
+    row["stated"] = [[node.level, node.name, round(node.probability, DIGITS)] for node in answer.tree.effects[0].path]
+    return row | evidence_of(case, step, answer.evidence, answer) | {"errors": _errors(case, step)}
 
 
-def answers(case: Drawn, found: Diagnosis) -> dict[str, object]:
-    """The set that the answer names, each class and place once, whether what was hidden is in it, and which of the events
-    it is. Another value of a number is what was hidden where the effect is nothing but that, to first order (heat capacity
-    put on a body, and the mass of that body): the words then name the effect beside the value."""
-    step = found.steps[0]
-    places = Places.of(step.experiment, step.as_one)
-    by_label = {c.label: c for c in (*candidates(step.experiment), *fixed_values(step.experiment))}
-    same = {name for label, names in step.acts_as.items() if label in by_label and case.matches(by_label[label], places)
-            for name in names}
-
-    def is_hidden(candidate: Candidate) -> bool:
-        return case.matches(candidate, places) or (
-            candidate.kind == VALUE and not same.isdisjoint(n.name for n in candidate.numbers))
-
-    named = [t.candidate for f in found.findings[:1] for t in f.alternatives] if found.verdict in NAMING else []
-    events = found.evidence.effects if found.evidence is not None else ()
-    return {"named": [c.label for c in named],
-            "size": len({c.name if c.kind == VALUE else (c.kind, places.place(c)) for c in named}),
-            "right": any(is_hidden(c) or case.name == c.name for c in named),
-            "true": [e.labels[0] for e in events if any(label in by_label and is_hidden(by_label[label])
-                                                        for label in e.labels)]}
+def _short(x: float) -> float:
+    return float(f"{x:.4g}")
 
 
-def _details(found: Diagnosis) -> dict[str, object]:
-    """What the evidence was computed from, for those who look for the cause of a wrong answer."""
-    step = found.steps[0]
-    trials = [*step.trials, *(t for s in found.steps[1:] for t in s.trials if t.candidate.kind == VALUE)][:LISTED]
-    return {"samples": step.errors.samples(*ALL) if step.errors is not None else 0,
-            "tests": [step.left.score, step.left.size, step.left.memory],
-            "blocks": step.identity.blocks if step.identity is not None else None,
-            "adequacy": found.adequacy.as_dict() if found.adequacy is not None else None,
-            "trials": [[t.candidate.label, t.errors.mean(*ALL) if t.errors is not None else None, t.chi2_fit,
-                        t.chi2_held_out, t.unknowns] for t in trials]}
+def _match(case: Drawn, step: Stage, candidate: Candidate) -> int:
+    """2 if a candidate is the dominant effect, or acts as the value that is wrong; 1 if it is a minor one; else 0."""
+    values = {*step.acts_as.get(candidate.label, ()), *([candidate.name] if candidate.kind == VALUE else [])}
+    if case.effect is not None and candidate.kind != VALUE:
+        if case.matches(candidate, step.places):
+            return 2
+    elif case.effect is not None:
+        if candidate.name in step.acts_as.get(case.effect.label, ()):
+            return 2
+    elif case.name in values:
+        return 2
+    effects = [e for e in case.minor_effects if candidate.kind != VALUE and alike(e, candidate, step.places)]
+    return int(bool(effects) or any(what in ("value", "sheet") and name in values for what, name, _ in case.minor))
 
 
-def run(seconds: float, names: Sequence[str] = ()) -> None:
+def evidence_of(case: Drawn, step: Stage, known: Evidence, answer: Diagnosis) -> dict[str, object]:
+    """What the probabilities of all branches are computed from, at each temperature, and which of them are true.
+
+    `laws`: for each law the numbers of its branches from the level `system` down, whether they are true (1 or 0 for each),
+    how the law matches (see `_match`), whether it is outside the catalogue, and its weights. `values`: the weights of other
+    values of what is held fixed; `flexible`: those of identified curves relative to all effects. `nothing` is true where no
+    effect dominates, or one that acts as another value."""
+    candidates = {c.label: c for c in (*(s.candidate for s in step.scores), *(t.candidate for t in step.trials))}
+    table: dict[tuple[object, ...], _Law] = {}
+    values = np.zeros(len(GRID))
+    for k, temperature in enumerate(GRID):
+        constants = replace(CALIBRATION, temperature=temperature)
+        effects, outside, _ = answer_leaves(step, known, answer.localization, constants)
+        _, _, mass, among = map(float, parts(constants, known.missing, known.sheet, known.left,
+                                             known.outside.get(temperature, float("nan"))))
+        for leaf, whole in [*((leaf, among) for leaf in effects), *((leaf, mass) for leaf in outside)]:
+            law = table.setdefault((leaf.keys, leaf.labels), _Law(leaf, np.zeros(len(GRID))))
+            law.weights[k] += leaf.probability / max(whole, 1e-300)
+        if known.effects:
+            values[k] = (1 - known.untried) * sum(
+                float(w) for e, w in zip(known.effects, known.weights[temperature], strict=True) if e.kind == VALUE)
+    laws = sorted((law for law in table.values() if law.weights.max() >= LEAST), key=lambda law: -law.weights.max())[:LEAVES]
+    numbers: dict[tuple[object, ...], int] = {}
+    rows = []
+    for law in laws:
+        keys = law.leaf.keys
+        branches = [numbers.setdefault(keys[:d + 1], len(numbers)) for d in range(len(keys))]
+        matches = max((_match(case, step, candidates[label]) for label in law.leaf.labels if label in candidates), default=0)
+        rows.append([branches, "".join(map(str, true_levels(case, step, law.leaf, matches == 2))), matches,
+                     int(OUTSIDE in keys), [round(float(w), DIGITS) for w in law.weights]])
+    values_alike = case.effect is not None and bool(step.acts_as.get(case.effect.label))
+    adequacy = answer.adequacy
+    return {"laws": rows, "names": [" | ".join(law.leaf.names[1:]) for law in laws[:3]],
+            "values": [round(float(v), DIGITS) for v in values],
+            "nothing": int(case.hidden in ("clutter", "value") or values_alike),
+            "left": _short(known.left), "missing": _short(known.missing), "sheet": _short(known.sheet),
+            "untried": round(known.untried, 3),
+            "flexible": [_short(known.outside[t]) for t in GRID] if known.outside else None,
+            "curves": [len(known.curves), *([int(adequacy.tried), int(adequacy.beaten)] if adequacy is not None else [])]}
+
+
+@dataclass(frozen=True)
+class _Law:
+    """A law and its weights (k,) at the temperatures."""
+
+    leaf: Leaf
+    weights: Array
+
+
+def true_levels(case: Drawn, step: Stage, leaf: Leaf, matches: bool) -> list[int]:
+    """Whether the branches of a law are true, from the level `system` down: those of the dominant effect. A law outside the
+    catalogue is true where the component of the dominant effect is struck, at its place and of its kind."""
+    if case.effect is None:
+        return [int(matches)] * len(leaf.keys)
+    hidden = levels(step, case.effect, case.effect.kind, step.experiment.model.library)[0]
+    unknown = case.hidden in ("other law", "outside")
+    found: list[int] = []
+    for depth, key in enumerate(leaf.keys):
+        above = not found or bool(found[-1])
+        law = LEVELS[depth + 1] == "law"
+        right = key == hidden[depth] or (key == OUTSIDE and unknown) or (matches and not law)
+        found.append(int(above and right))
+    return found
+
+
+def _errors(case: Drawn, step: Stage) -> dict[str, object] | None:
+    """The predictive errors of the first refits, and of the model without any, for each uninterrupted stretch of the
+    records: sums in units of its discrepancy, samples, roles; and how many independent blocks the samples are worth."""
+    if step.errors is None:
+        return None
+    bins = len(step.errors.sums)
+    trials = sorted((t for t in step.trials if t.errors is not None and len(t.errors.sums) == bins > 0), key=loss)[:LISTED]
+    errors = [t.errors for t in trials if t.errors is not None]
+    if not errors:
+        return None
+    stretch, counts = errors[0].stretch, errors[0].counts
+    level = discrepancy(errors)
+    begins = np.flatnonzero(np.r_[True, np.diff(stretch) > 0])
+    sums = [[_short(x) for x in np.bincount(stretch, row)] for row in (step.errors.sums / level, *levelled(errors))]
+    return {"samples": errors[0].samples(*ALL), "counts": np.bincount(stretch, counts).astype(int).tolist(),
+            "role": errors[0].role[begins].tolist(), "level": [_short(x) for x in level[begins]],
+            "blocks": _short(confidence_set(levelled(errors), counts, stretch).blocks), "without": sums[0],
+            "trials": [[t.candidate.label, _match(case, step, t.candidate), t.unknowns, row]
+                       for t, row in zip(trials, sums[1:], strict=True)]}
+
+
+def run(seconds: float, cases: int, limit: float, names: Sequence[str] = (), study: str = STUDY) -> None:
     """What is not on disk yet of all machines, or of those named, for so long."""
+    count_processor_time()
     began, now = clock.monotonic(), rules()
-    done = keeping.read(STUDY)
-    for number in range(CASES):
+    done = keeping.read(study)
+    for number in range(cases):
         for machine in (m for m in MACHINES.values() if not names or m.name in names):
             key = f"{machine.name}/{number}/{now}"
             if key in done:
                 continue
             if clock.monotonic() - began > seconds:
                 return
-            head = {"key": key, "machine": machine.name, "number": number, "rules": now}
+            row: Mapping[str, object] = {"key": key, "machine": machine.name, "number": number, "rules": now}
             try:
-                row = head | judged(machine, number)
-            except HeavebondError as error:
-                row = head | {"broken": str(error) or "no draw can be simulated"}
-            keeping.add(STUDY, row)
-            said = {k: row.get(k) for k in ("hidden", "label", "misfit", "verdict", "seconds", "draw_seconds", "broken")}
-            print(f"{key:40s} {json.dumps(said)}", flush=True)
+                row = {**row, **judged(machine, number, limit)}
+            except Exception as error:  # one case must not end a study of days
+                row = {**row, "broken": f"{type(error).__name__}: {error}", "trace": [
+                    f"{Path(f.filename).name}:{f.lineno}" for f in traceback.extract_tb(error.__traceback__)[-12:]]}
+            keeping.add(study, row)
+            shown = {k: row[k] for k in SHOWN if k in row}
+            print(f"{key:40s} {json.dumps(shown, default=float)}", flush=True)
 
 
-def main(words: list[str]) -> None:
-    """The study, or the fit of the constants to it."""
-    if words[:1] == ["fit"]:
-        from benchmarks.diagnosis.reliability import fit
-
-        fit()
+def main() -> None:
+    """The study, or the report on it."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("command", choices=["run", "report"])
+    parser.add_argument("machines", nargs="*", choices=[*MACHINES, []], metavar="MACHINE", help=", ".join(MACHINES))
+    parser.add_argument("--cases", type=int, default=CASES, help="of each machine")
+    parser.add_argument("--limit", type=float, default=LIMIT, help="processor time of a diagnosis (s)")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="duration after which no case is begun")
+    parser.add_argument("--study", default=STUDY, help="file of the results, without ending")
+    parser.add_argument("--pictures", type=Path, metavar="DIR", help="write the reliability diagrams")
+    options = parser.parse_args()
+    if options.command == "run":
+        run(options.seconds, options.cases, options.limit, options.machines, options.study)
     else:
-        run(float(words[0]) if words else float("inf"), words[1:])
+        print(reliability.report(reliability.known_rows(options.study), options.pictures))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

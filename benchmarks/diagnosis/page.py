@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from benchmarks.diagnosis import (
     compensator,
@@ -22,45 +22,41 @@ from benchmarks.diagnosis import (
 )
 from benchmarks.diagnosis.rigs import RIGS
 from heavebond.core.presentation import readable
-from heavebond.diagnosis.evidence.probability import TEMPERATURES, Calibration
+from heavebond.diagnosis.evidence.probability import CALIBRATION
 
 PAGE = Path(__file__).parents[2] / "docs" / "diagnosis_study.md"
 BEGIN, END = "<!-- written by `python -m benchmarks.diagnosis.page` -->", "<!-- end of what it writes -->"
 OUTCOMES = {"right": "named", "cluster": "among the indistinguishable", "shape": "a shape, no name", "missed": "missed",
             "weak": "too weak", "wrong": "misclassified", "broken": "broken"}
-IMITATED = 1.3  # chi-square per sample up to which one class imitates another
 NEVER = 1e4  # chi-square per sample; nobody begins a diagnosis so far from the record
 Row = Mapping[str, Any]
-ANSWERS = (verdicts.RIGHT, verdicts.NONE, verdicts.MISSED, verdicts.WRONG)
-HIDDEN = {"nothing": "nothing", "free": "wrong free parameters", "fixed": "a wrong fixed value",
-          "inside": "an effect of the catalogue", "other law": "another law of a class", "outside": "a class that is struck"}
+HIDDEN = {"clutter": "nothing but clutter", "value": "a wrong fixed value", "inside": "an effect of the catalogue",
+          "other law": "another law of a class", "outside": "a class that is struck"}
 DRAW = """\
-Cases drawn at random over bundled machines of all domains (`python -m benchmarks.diagnosis.calibration`, which takes one
-case of each machine in turn and continues where it was interrupted). This draw is also the prior for which the
-[probabilities](diagnosis_method.md#probabilities) hold:
+Cluttered machines drawn at random over bundled diagrams of all domains (`python -m benchmarks.diagnosis.calibration run`,
+which takes one case of each machine in turn and continues where it was interrupted). This draw is also the prior for which
+the [probabilities](diagnosis_method.md#probabilities) hold:
 
-* hidden is nothing (12 % of the cases), wrong free parameters (10 %), one wrong value that the diagram holds fixed (8
-  %, by 10 to 50 %), an effect of the catalogue (35 %), one whose own law is struck from the catalogue while another
-  law of its class is there (15 %), or an effect whose whole class is struck (20 %); the free parameters are drawn
-  from their tolerances besides;
-* the class is drawn uniformly from those that fit in the machine, then law and place; an effect leaves 1 to 200 noise
-  variances per sample of the fitted base model, log-uniform;
-* one to three records (25, 50, 25 %) of 240 to 300 samples with inputs of their own; the noise is 1 % of each
-  channel's motion, and given in 60 % of the cases;
-* one effect is sought (`--steps 1`).
+* a dominant effect makes 50 to 95 % of the misfit, two to four minor differences the rest; the misfit is 3 to 400 noise
+  variances per sample, log-uniform;
+* the dominant effect is a law of the catalogue (45 % of the cases), one whose own law is struck from the catalogue while
+  another law of its class is there (13 %), one whose whole class is struck (22 %), or a wrong value that the diagram holds
+  fixed (8 %); in the other cases (12 %) there is none, and the clutter is 0.02 to 0.5 noise variances per sample;
+* minor differences are laws of the catalogue, laws that are struck from it, values of the data sheet that are wrong, also by
+  more than their tolerance, and parameters that drift, that oscillate, or that differ between records;
+* inputs are recorded with noise, channels are up to one and a half samples late, and quantised;
+* the class is drawn uniformly from those that fit in the machine, then law and place; one to three records of 240 to 300
+  samples; the noise is 0.3 to 1.5 % of the motion of a channel, and given in 60 % of the cases;
+* each diagnosis has 60 s of processor time; the answer at the limit counts.
 
-*Right*: the set that the answer names holds the class and the place that were hidden; or it says rightly that nothing is
-missing, that parameters are wrong, or that no law of the catalogue explains the records. *No name*: something is missing,
-and nothing is named. *Missed*: nothing is said to be missing. *Wrong*: the set leaves out what was hidden; a class that is
-struck may be imitated by another one down to the noise, and what is named then is counted as wrong as well."""
-CALIBRATION = """\
-The constants of the [probabilities](diagnosis_method.md#probabilities) are fitted to these cases
-(`python -m benchmarks.diagnosis.calibration fit`).
+The tables count the deepest level that the answer states, and whether it is that of the dominant effect."""
+CALIBRATED = """\
+The constants of the [probabilities](diagnosis_method.md#probabilities) are fitted to these cases, those of a machine to all
+others (`python -m benchmarks.diagnosis.calibration report`).
 
-*Expected calibration error*: the distance of the mean stated probability from the true frequency, in bins, weighted. Its
-interval is that of a bootstrap over machines. With so few cases it is not zero for exact probabilities either: the table
-says what it would be for them by chance, in the mean and up to its 95 % quantile. The constants have prior distributions
-that keep them within a factor of some e of the values that were assumed before any case was seen."""
+*Expected calibration error*: the distance of the mean stated probability from the true frequency, in bins, weighted. With
+so few cases it is not zero for exact probabilities either: in brackets its 95 % quantile for them. The constants have prior
+distributions that keep them within a factor of some e of the values that were assumed before any case was seen."""
 MEASURED = """\
 Public records of real machines, from diagrams without the effects that the literature knows
 (`python -m benchmarks.diagnosis.measured FOLDER`). The error is the root mean square on the record that is kept for the
@@ -230,106 +226,39 @@ def public_records(rows: Sequence[Row]) -> str:
                   "published, black boxes", "processor time, s"], lines)
 
 
-def calibration() -> str:
-    """How far stated probabilities and true frequencies agree, over the machines of the calibration study."""
-    rows = reliability.known_rows()
-    lines, bins = [], []
-    for what, found, (low, high) in reliability.figures(rows):
-        first, every = (reliability.expected_error(*pair) for pair in (
-            (found.first, found.first_true), (found.stated, found.true)))
-        mean, most = reliability.by_chance(found.first)
-        lines.append((what, figure(first, 2), f"{figure(low, 2)} to {figure(high, 2)}",
-                      f"{figure(mean, 2)}, up to {figure(most, 2)}", figure(every, 2), figure(found.brier),
-                      figure(found.loss)))
-    for low, high in pairwise(reliability.EDGES):
-        inside = (found.stated >= low) & ((found.stated < high) | (high == 1))
-        if inside.any():
-            bins.append((f"{100 * low:.0f} to {100 * high:.0f} %", int(inside.sum()), figure(found.stated[inside].mean(), 2),
-                         figure(found.true[inside].mean(), 2)))
-    chosen = reliability.fitted(rows)
-    return "\n\n".join([
-        f"{len(rows)} cases of {len({r['machine'] for r in rows})} machines, diagnosed by the rules {rows[-1]['rules']} (a "
-        "digest of the modules that decide; cases of other rules are not counted).",
-        table(["constants fitted to", "expected calibration error, most probable event", "95 % over machines",
-               "of exact probabilities by chance", "of all events above 1 %", "Brier score", "log loss"], lines),
-        f"The most probable explanations that together have 95 % hold what was hidden in "
-        f"{share(int(found.covered.sum()), len(rows))} of the cases; they are {figure(found.size.mean(), 2)} in the mean.",
-        "![Stated probabilities against true frequencies](pictures/reliability.png)",
-        "Stated probabilities against true frequencies, each machine with constants fitted to the others (in the picture "
-        "with the number of events and 95 % intervals):",
-        table(["stated", "events", "mean stated", "true"], bins),
-        "By what is known of the noise, with the constants fitted to all cases. Where an estimate cannot be separated from "
-        "the signal, chi-square is no measure of what is left; the probabilities hold all the same, and are rather too low:",
-        table(["noise", "cases", "stated, most probable event", "true", "in the set of 95 %"], by_noise(rows, chosen)),
-        "The constants, and the log loss with each halved or doubled and the others as they are:",
-        table(["constant", "value", "halved", "doubled"], sensitivity(rows, chosen))])
-
-
-def by_noise(rows: Sequence[Row], chosen: Calibration) -> list[tuple[object, ...]]:
-    """How reliable the probabilities are where the noise is given, estimated, and not separable from the signal."""
-    doubtful = [any("cannot be separated from the signal" in words for words in r["words"]) for r in rows]
-    parts = {"given": [r for r in rows if r["given"]],
-             "estimated": [r for r, doubt in zip(rows, doubtful, strict=True) if not r["given"] and not doubt],
-             "estimated, not separable": [r for r, doubt in zip(rows, doubtful, strict=True) if doubt]}
+def calibration(rows: Sequence[Row]) -> str:
+    """How far stated probabilities and true frequencies agree at each level, over the machines of the calibration study."""
+    sets = {"present": [CALIBRATION] * len(rows), "fitted to all other machines": reliability.left_out(rows)}
     lines: list[tuple[object, ...]] = []
-    for name, part in parts.items():
-        found = reliability.reliability(part, [chosen] * len(part))
-        lines.append((name, len(part), figure(found.first.mean(), 2), figure(found.first_true.mean(), 2),
-                      figure(found.covered.mean(), 2)))
-    return lines
-
-
-def sensitivity(rows: Sequence[Row], chosen: Calibration) -> list[tuple[object, ...]]:
-    """Each constant, and the log loss with it halved and doubled."""
-    known = reliability.Table.of(rows)
-    lines: list[tuple[object, ...]] = [("log loss", figure(known.losses(chosen).mean()), "", "")]
-    for name in ("temperature", *reliability.FITTED):
-        value = getattr(chosen, name)
-        changed = (replace(chosen, **{name: value * factor}) for factor in (0.5, 2.0))
-        lines.append((name, figure(value, 2), *(
-            figure(known.losses(c).mean()) if c.temperature in TEMPERATURES else "" for c in changed)))
-    return lines
+    for what, constants in sets.items():
+        for level, of in reliability.reliability(rows, constants).items():
+            first, every = (reliability.by_chance(cases)[1] for cases in ([np.array([p]) for p in of.first],
+                                                                          [c.p for c in of.cases]))
+            lines.append((what, level, len(of.cases), figure(of.first.mean(), 2), figure(of.first_true.mean(), 2),
+                          f"{figure(reliability.expected_error(of.first, of.first_true), 2)} ({figure(first, 2)})",
+                          f"{figure(reliability.expected_error(of.stated, of.true), 2)} ({figure(every, 2)})"))
+    known = [reliability.probability_of_truth(r, CALIBRATION, "class") for r in rows if r["hidden"] in reliability.KNOWN]
+    return "\n\n".join([
+        f"{len(rows)} cases of {len({r['machine'] for r in rows})} machines.",
+        table(["constants", "level", "cases", "stated, most probable branch", "true", "calibration error (95 % by chance)",
+               "of all branches above 1 %"], lines),
+        f"The mean probability of the true class, if it is in the catalogue: {figure(float(np.mean(known)), 2)}.",
+        "![Stated probabilities against true frequencies](pictures/reliability.png)"])
 
 
 def answers(rows: Sequence[Row]) -> str:
-    """What was said in the cases of the calibration study, by what was hidden, and by machine."""
-    lines: list[tuple[object, ...]] = []
-    for hidden, words in HIDDEN.items():
-        lines.append((words, *_answers([r for r in rows if r["hidden"] == hidden])))
-    lines.append(("all", *_answers(rows)))
-    each = [(name, *_answers([r for r in rows if r["machine"] == name])) for name in sorted({r["machine"] for r in rows})]
-    head = ["cases", *ANSWERS, "mean size of the set"]
-    found = Counter(verdicts.outcome(r) for r in rows)
-    still = [r for r in rows if r["hidden"] in ("nothing", "free")]
-    inside = [r for r in rows if r["hidden"] in ("inside", "other law")]
-    alarms = sum(verdicts.outcome(r) == verdicts.WRONG for r in still)
-    wrong = sum(verdicts.outcome(r) == verdicts.WRONG for r in inside)
-    named = sum(bool(r["named"]) for r in inside)
-    imitated = [r for r in rows if r["hidden"] == "outside" and verdicts.outcome(r) == verdicts.WRONG]
-    close = sum(r["chi2"][-1][1] < IMITATED for r in imitated)
+    """The deepest stated level in the cases of the calibration study, by what dominates, and by machine."""
+    def line(part: Sequence[Row]) -> list[object]:
+        ends = Counter(reliability.deepest(r, CALIBRATION) for r in part)
+        wrong = sum(n for (level, right), n in ends.items() if level and not right)
+        return [len(part), *(ends[level, True] or "-" for level in reliability.LEVELS), ends["", False] or "-", wrong or "-"]
+
+    head = ["cases", *(f"{level} right" for level in reliability.LEVELS), "none stated", "wrong"]
+    machines = sorted({r["machine"] for r in rows})
     return "\n\n".join([
-        table(["hidden", *head], lines),
-        f"Of {len(rows)} answers {share(found[verdicts.WRONG], len(rows))} were wrong, of the {named} sets named where the "
-        f"catalogue has the class {share(wrong, named)}; of the {len(still)} records with nothing but free parameters "
-        f"{share(alarms, len(still))} were false alarms (95 % intervals of Clopper and Pearson).",
-        table(["machine", *head], each),
-        f"Where the class is struck, {len(imitated)} answers are wrong; in {close} of them another class leaves a "
-        f"chi-square below {IMITATED:g} on what was not fitted. All other answers that are not right, with that chi-square:",
-        table(["machine", "hidden", "", "answer", "chi-square"],
-              [(f"{r['machine']} {r['number']}", HIDDEN[r["hidden"]], r["label"], _said(r), figure(r["chi2"][-1][1]))
-               for r in rows if verdicts.outcome(r) != verdicts.RIGHT and r["hidden"] != "outside"])])
-
-
-def _said(row: Row) -> str:
-    """The verdict, and the first of what is named."""
-    more = len(row["named"]) - 3
-    return f"{row['verdict']}: {', '.join(row['named'][:3])}{f' and {more} more' if more > 0 else ''}".removesuffix(": ")
-
-
-def _answers(rows: Sequence[Row]) -> list[object]:
-    found = Counter(verdicts.outcome(r) for r in rows)
-    sizes = [r["size"] for r in rows if r["named"]]
-    return [len(rows), *(found[name] or "-" for name in ANSWERS), figure(sum(sizes) / len(sizes), 2) if sizes else "-"]
+        table(["dominant", *head], [*((words, *line([r for r in rows if r["hidden"] == hidden]))
+                                      for hidden, words in HIDDEN.items()), ("all", *line(rows))]),
+        table(["machine", *head], [(name, *line([r for r in rows if r["machine"] == name])) for name in machines])])
 
 
 def share(k: int, n: int) -> str:
@@ -343,12 +272,12 @@ def main() -> None:
     found = {study: list(keeping.read(study).values()) for study in
              (confusion.STUDY, false_alarms.STUDY, detectability.STUDY, detectability.CHECKS, compensator.STUDY,
               measured.STUDY)}
-    rows = found[confusion.STUDY]
+    rows, drawn = found[confusion.STUDY], reliability.known_rows()
     parts = ["## False alarms", alarms(found[false_alarms.STUDY]), "## Confusion", outcomes(rows), matrix(rows),
              "### Every case", cases(rows), "## Detectability",
              sizes(found[detectability.STUDY], found[detectability.CHECKS]),
-             "## Cases drawn at random", DRAW, answers(reliability.known_rows()),
-             "## Probabilities", CALIBRATION, calibration(),
+             *(["## Cluttered machines", DRAW, answers(drawn), "## Probabilities", CALIBRATED, calibration(drawn)]
+               if drawn else []),
              "## A machine of real size", machine(found[compensator.STUDY]),
              "## Measured machines", MEASURED, public_records(found[measured.STUDY])]
     text = PAGE.read_text(encoding="utf-8")

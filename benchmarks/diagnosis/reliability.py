@@ -1,10 +1,15 @@
-"""The constants of the probabilities fitted to the cases of the calibration study, and how reliable they are."""
+"""How reliable the stated probabilities are, at each level of the answer, and the constants that suit the cases best.
+
+A case of the study has laws with their weights at each temperature, and which of their branches are true. From these and
+the constants of `heavebond.diagnosis.evidence.probability` follow the probabilities of all branches, as the answer states
+them: no diagnosis is needed to try other constants.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,124 +17,208 @@ from numpy.typing import NDArray
 
 from benchmarks.diagnosis import keeping
 from benchmarks.diagnosis.verdicts import interval as interval_of_share
-from heavebond.diagnosis.candidates.fixed_values import VALUE
-from heavebond.diagnosis.evidence.probability import (
-    NOTHING,
-    OTHER,
-    OUTSIDE,
-    PARAMETERS,
-    TEMPERATURES,
-    Calibration,
-    Event,
-    Evidence,
-    parts,
-    probabilities,
-)
+from heavebond.diagnosis.answer.tree import LEVELS as ANSWER_LEVELS
+from heavebond.diagnosis.answer.tree import LISTED, STATED
+from heavebond.diagnosis.evidence.probability import CALIBRATION, TEMPERATURES, Calibration, parts
 from heavebond.numerics.dae import Array
-from heavebond.pictures.plot import COLOURS, DPI, RECORD
-from heavebond.pictures.plot_sample import SMALL, WIDTH, quiet
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-STUDY = "calibration"
+STUDY = "cluttered"
+LEVELS = ANSWER_LEVELS[1:]
+GRID = TEMPERATURES[1:]
 # Before any case is seen: each constant but the temperature is log-normal about these values, a factor of e its deviation.
 BEFORE = Calibration(0, 4.0, 0.2, 2.0, 5.0, 0.03)
 FITTED = ("outside", "excess", "simpler", "lapse")
-SIMPLE = {"nothing": NOTHING, "free": PARAMETERS, "fixed": PARAMETERS, "outside": OUTSIDE}  # events of what is hidden
-LEAST = 1e-4  # probability below which one is not asked to be right
+KNOWN = ("inside", "other law")  # dominant effects whose class is in the catalogue
+TRAINED = ("place", "kind", "class")  # levels to which constants are fitted
+LEAST = 1e-3  # probability below which one is not asked to be right
 EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
-CREDIBLE = 0.95
 DRAWS = 2000
 Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Reliability:
-    """Stated probabilities p (n,) against whether they came true (n,), of all events above 1 % and of the most probable one
-    of each case; the Brier score and the mean negative logarithm of the probability of what was hidden; in how many cases
-    (0 or 1 for each, n) the most probable events that together have 95 % hold what was hidden, and how many these are."""
+class Level:
+    """The branches of one level of a case: their probabilities p (k,) of at least 1 %, what is left for "another" last, and
+    whether they are true (k,)."""
 
-    stated: Array
-    true: Array
-    first: Array
-    first_true: Array
-    brier: float
-    loss: float
-    covered: Array
-    size: Array
+    p: Array
+    true: NDArray[np.bool_]
 
 
-@cache
-def known_rows() -> tuple[Row, ...]:
-    """The cases of the rules that the last row was made with, that were searched to their end."""
-    rows = list(keeping.read(STUDY).values())
-    return tuple(r for r in rows if r["rules"] == rows[-1]["rules"] and "evidence" in r and not r["partial"])
+def known_rows(study: str = STUDY) -> list[Row]:
+    """The last row of each case that could be drawn, with a tree."""
+    rows = {(r["machine"], r["number"]): r for r in keeping.read(study).values()}
+    return [r for r in rows.values() if "laws" in r]
 
 
-def happened(row: Row, events: Sequence[Event]) -> NDArray[np.bool_]:
-    """Which of the events (n,) is what was hidden: by what the row says, which effects are; else one of the others."""
-    wanted = SIMPLE.get(row["hidden"])
-    hit = np.array([wanted is None and bool(event.labels) and event.labels[0] in row["true"] for event in events])
-    return hit if hit.any() else np.array([not event.labels and event.kind == (wanted or OTHER) for event in events])
+def masses(row: Row, constants: Calibration) -> tuple[Array, float]:
+    """The probabilities of the laws (m,) of a case, and that no effect is missing."""
+    at = GRID.index(constants.temperature)
+    flexible = row["flexible"][at] if row["flexible"] is not None else float("nan")
+    nothing, parameters, outside, among = map(float, parts(constants, row["missing"], row["sheet"], row["left"], flexible))
+    p = np.array([(outside if law[3] else among) * law[4][at] for law in row["laws"]])
+    return p, nothing + parameters + among * row["values"][at]
+
+
+def levels(row: Row, constants: Calibration) -> dict[str, Level]:
+    """The branches at each level, as the tree of the answer has them: a branch below 1 % counts as "another", which is true
+    where what is above it is true and no branch beside it."""
+    p, none = masses(row, constants)
+    found: dict[str, Level] = {}
+    above: dict[int, tuple[float, bool]] = {-1: (1.0, True)}
+    for depth, level in enumerate(LEVELS):
+        branches: dict[int, tuple[float, bool]] = {}
+        under: dict[int, list[int]] = {}
+        for (numbers, truths, *_), mass in zip(row["laws"], p, strict=True):
+            parent = numbers[depth - 1] if depth else -1
+            if depth < len(numbers) and parent in above:
+                before = branches.get(numbers[depth], (0.0, False))
+                branches[numbers[depth]] = (before[0] + mass, before[1] or truths[depth] == "1")
+                under.setdefault(parent, []).append(numbers[depth])
+        stated, another = [], []
+        if depth == 0:
+            stated.append((none, bool(row["nothing"])))
+        kept = {n: branch for n, branch in branches.items() if branch[0] >= LISTED}
+        for parent, (whole, right) in above.items():
+            below = [kept[n] for n in dict.fromkeys(under.get(parent, [])) if n in kept]
+            if parent not in under and depth:  # a law outside the catalogue has no laws below it
+                continue
+            rest = whole - sum(q for q, _ in below) - (none if depth == 0 else 0.0)
+            another.append((max(rest, 0.0), right and not any(true for _, true in below)
+                            and not (depth == 0 and row["nothing"])))
+            stated += below
+        stated.append((sum(q for q, _ in another), any(true for _, true in another)))
+        found[level] = Level(np.array([q for q, _ in stated]), np.array([true for _, true in stated], bool))
+        above = kept
+    return found
+
+
+def expected_error(p: Array, true: Array | NDArray[np.bool_]) -> float:
+    """The expected calibration error: in bins of the stated probability its distance from the true frequency, weighted."""
+    return float(_errors_of(p, np.asarray(true, float)[:, None])[0])
+
+
+def _bins(p: Array) -> NDArray[np.int64]:
+    return np.clip(np.searchsorted(EDGES, p, side="right") - 1, 0, len(EDGES) - 2)
+
+
+def _errors_of(p: Array, true: Array) -> Array:
+    """The expected calibration errors (d,) of d outcomes (n, d) of events with probabilities p (n,)."""
+    member = np.eye(len(EDGES) - 1)[_bins(p)]  # (n, bins)
+    return np.asarray(np.abs(member.T @ (true - p[:, None])).sum(axis=0) / max(len(p), 1))
+
+
+def by_chance(cases: Sequence[Array]) -> tuple[float, float]:
+    """The expected calibration error of as many cases of exactly these probabilities, of each case those of events that
+    exclude each other: its mean and 95 % quantile."""
+    random, outcomes = np.random.default_rng(0), []
+    for p in cases:
+        which = np.searchsorted(np.cumsum(p), random.random(DRAWS))  # beyond the last: none of them
+        outcomes.append((np.arange(len(p))[:, None] == which).astype(float))
+    found = _errors_of(np.concatenate(cases), np.concatenate(outcomes))
+    return float(np.mean(found)), float(np.quantile(found, 0.95))
 
 
 @dataclass(frozen=True)
-class Table:
-    """The rows (n,) as arrays: what `parts` needs, and at each temperature the weights (n,) of what was hidden, of values
-    and of all that is listed."""
+class Reliability:
+    """How reliable the probabilities of one level are: of the most probable branch of each case (p, true), and of all
+    branches of each case."""
 
-    hidden: NDArray[np.str_]
+    first: Array
+    first_true: NDArray[np.bool_]
+    cases: tuple[Level, ...]
+
+    @property
+    def stated(self) -> Array:
+        """The probabilities of all branches."""
+        return np.concatenate([c.p for c in self.cases])
+
+    @property
+    def true(self) -> NDArray[np.bool_]:
+        """Whether they are true."""
+        return np.concatenate([c.true for c in self.cases])
+
+
+def reliability(rows: Sequence[Row], constants: Sequence[Calibration]) -> dict[str, Reliability]:
+    """The reliability at each level with the constants that belong to each row; cases without a branch at a level do not
+    count there."""
+    each = [levels(row, chosen) for row, chosen in zip(rows, constants, strict=True)]
+    found = {}
+    for level in LEVELS:
+        cases = [of[level] for of in each if of[level].p.max() > LISTED]
+        best = [int(np.argmax(c.p)) for c in cases]
+        found[level] = Reliability(np.array([c.p[k] for c, k in zip(cases, best, strict=True)]),
+                                   np.array([c.true[k] for c, k in zip(cases, best, strict=True)], bool), tuple(cases))
+    return found
+
+
+def probability_of_truth(row: Row, constants: Calibration, level: str) -> float:
+    """The probability of the true branches of a level."""
+    found = levels(row, constants)[level]
+    return float(found.p[found.true].sum())
+
+
+def deepest(row: Row, constants: Calibration) -> tuple[str, bool]:
+    """The deepest level that the answer states (empty: none), and whether its branch is true: the most probable branch as
+    long as it has at least `STATED`, which no other one can have."""
+    level, right = "", False
+    for name, branches in levels(row, constants).items():
+        k = int(np.argmax(branches.p))
+        if branches.p[k] < STATED or k == len(branches.p) - 1:
+            break
+        level, right = name, bool(branches.true[k])
+        if name == "system" and k == 0:  # no effect is missing
+            break
+    return level, right
+
+
+# -- the fit of the constants ------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Table:
+    """The rows (n,) as arrays: what `parts` needs, whether nothing is true, and for each level of TRAINED the weights (n,)
+    of true laws of the catalogue and outside it, and of all laws, at each temperature of the grid."""
+
     known: Mapping[str, Array]
-    hit: Mapping[float, Array]
-    values: Mapping[float, Array]
-    listed: Mapping[float, Array]
+    flexible: Array
+    nothing: NDArray[np.bool_]
+    values: Array
+    true: Mapping[str, Array]
+    all: Array
 
     @classmethod
     def of(cls, rows: Sequence[Row]) -> Table:
         """The table of rows of the study."""
-        evidence = [Evidence.of_dict(r["evidence"]) for r in rows]
-        hits = [happened(r, e.effects) if e.effects else np.zeros(0, bool) for r, e in zip(rows, evidence, strict=True)]
-        hidden = [SIMPLE.get(r["hidden"]) or ("effect" if any(hit) else OTHER) for r, hit in zip(rows, hits, strict=True)]
+        def summed(choose: Callable[[Any], bool]) -> Array:
+            """(2, n, temperatures): in the catalogue, outside it."""
+            return np.array([[np.sum([law[4] for law in r["laws"] if law[3] == outside and choose(law)] or
+                                     [np.zeros(len(GRID))], axis=0) for r in rows] for outside in (0, 1)])
 
-        def summed(choose: Sequence[NDArray[np.bool_]]) -> dict[float, Array]:
-            return {t: np.array([float(e.weights[t][which].sum()) if e.effects else 0.0
-                                 for e, which in zip(evidence, choose, strict=True)]) for t in TEMPERATURES}
-
-        return cls(np.array(hidden), {name: np.array([getattr(e, name) for e in evidence], float)
-                                      for name in ("missing", "sheet", "left")}, summed(hits),
-                   summed([np.array([x.kind == VALUE for x in e.effects], bool) for e in evidence]),
-                   summed([np.ones(len(e.effects), bool) for e in evidence]))
+        depth = {level: LEVELS.index(level) for level in TRAINED}
+        none = [float("nan")] * len(GRID)
+        return cls({name: np.array([r[name] for r in rows], float) for name in ("missing", "sheet", "left")},
+                   np.array([r["flexible"] or none for r in rows]), np.array([bool(r["nothing"]) for r in rows]),
+                   np.array([r["values"] for r in rows]),
+                   {level: summed(lambda law, d=d: law[1][d:d + 1] == "1") for level, d in depth.items()},  # type: ignore[misc]
+                   summed(lambda law: True))
 
     def losses(self, constants: Calibration) -> Array:
-        """The negative logarithms (n,) of the probabilities of what was hidden."""
-        t = constants.temperature
-        nothing, parameters, outside, among = parts(constants, **self.known)
-        found = {NOTHING: nothing, PARAMETERS: parameters + among * self.values[t], OUTSIDE: outside,
-                 OTHER: constants.lapse + among * np.maximum(0.0, 1 - self.listed[t]), "effect": among * self.hit[t]}
-        p = np.select([self.hidden == what for what in found], list(found.values()))
-        return np.asarray(-np.log(np.maximum(p, LEAST)))
+        """The negative logarithms (n,) of the probabilities of the true branches, the mean over the levels."""
+        at = GRID.index(constants.temperature)
+        nothing, parameters, outside, among = parts(constants, **self.known, flexible=self.flexible[:, at])
+        none = nothing + parameters + among * self.values[:, at]
+        rest = np.maximum(1 - none - among * self.all[0, :, at] - outside * self.all[1, :, at], 0.0)
+        found = []
+        for of in self.true.values():
+            p = among * of[0, :, at] + outside * of[1, :, at]
+            listed = (of[0, :, at] + of[1, :, at] > 0) | self.nothing
+            found.append(-np.log(np.maximum(np.where(listed, p + none * self.nothing, rest), LEAST)))
+        return np.asarray(np.mean(found, axis=0))
 
 
-def reliability(rows: Sequence[Row], constants: Sequence[Calibration]) -> Reliability:
-    """How reliable the probabilities are with the constants that belong to each row."""
-    stated, true, first, first_true, brier, loss, covered, size = [], [], [], [], [], [], [], []
-    for row, chosen in zip(rows, constants, strict=True):
-        events = probabilities(Evidence.of_dict(row["evidence"]), chosen)
-        hit, p = happened(row, events), np.array([e.probability for e in events])
-        stated += p[p >= 0.01].tolist()
-        true += hit[p >= 0.01].tolist()
-        first.append(p[0])
-        first_true.append(hit[0])
-        brier.append(float(np.sum((p - hit) ** 2)))
-        loss.append(-np.log(max(p[hit].sum(), LEAST)))
-        size.append(int(np.searchsorted(np.cumsum(p), CREDIBLE)) + 1)
-        covered.append(hit[:size[-1]].any())
-    return Reliability(np.array(stated, float), np.array(true, float), np.array(first, float), np.array(first_true, float),
-                       float(np.mean(brier)), float(np.mean(loss)), np.array(covered, float), np.array(size, float))
-
-
-def fitted(rows: Sequence[Row], temperatures: Sequence[float] = TEMPERATURES[1:]) -> Calibration:
+def fitted(rows: Sequence[Row], temperatures: Sequence[float] = GRID) -> Calibration:
     """The constants with the largest posterior density, the temperature among these."""
     from scipy.optimize import minimize
 
@@ -148,78 +237,83 @@ def fitted(rows: Sequence[Row], temperatures: Sequence[float] = TEMPERATURES[1:]
     return constants(best.x, temperature)
 
 
-def expected_error(p: Array, true: Array) -> float:
-    """The expected calibration error: in bins of the stated probability its distance from the true frequency, weighted."""
-    bins = np.clip(np.searchsorted(EDGES, p, side="right") - 1, 0, len(EDGES) - 2)
-    return float(sum(abs(p[bins == b].mean() - true[bins == b].mean()) * np.mean(bins == b) for b in np.unique(bins)))
-
-
-def by_chance(p: Array) -> tuple[float, float]:
-    """The expected calibration error of as many events of exactly these probabilities: its mean and 95 % quantile."""
-    random = np.random.default_rng(0)
-    found = [expected_error(p, (random.random(len(p)) < p).astype(float)) for _ in range(DRAWS)]
-    return float(np.mean(found)), float(np.quantile(found, 0.95))
-
-
-def interval(rows: Sequence[Row], constants: Sequence[Calibration]) -> tuple[float, float]:
-    """The 95 % interval of the expected calibration error of the most probable event, by a bootstrap over machines."""
-    random, machines = np.random.default_rng(0), sorted({r["machine"] for r in rows})
-    each = {m: reliability(*zip(*[(r, c) for r, c in zip(rows, constants, strict=True) if r["machine"] == m], strict=True))
-            for m in machines}
-    found = []
-    for _ in range(DRAWS):
-        drawn = [each[m] for m in random.choice(machines, len(machines))]
-        found.append(expected_error(np.concatenate([d.first for d in drawn]), np.concatenate([d.first_true for d in drawn])))
-    low, high = np.quantile(found, [0.025, 0.975])
-    return float(low), float(high)
-
-
 def left_out(rows: Sequence[Row]) -> list[Calibration]:
     """For each row the constants fitted to all other machines."""
     found = {m: fitted([r for r in rows if r["machine"] != m]) for m in {r["machine"] for r in rows}}
     return [found[r["machine"]] for r in rows]
 
 
-def figures(rows: Sequence[Row]) -> list[tuple[str, Reliability, tuple[float, float]]]:
-    """The figures with the constants fitted to all cases, and to all other machines."""
-    own, others = [fitted(rows)] * len(rows), left_out(rows)
-    return [(what, reliability(rows, chosen), interval(rows, chosen))
-            for what, chosen in (("all cases", own), ("all other machines", others))]
+# -- the report ------------------------------------------------------------------------------------------
+def report(rows: Sequence[Row], pictures: Path | None = None) -> str:
+    """The calibration errors at each level with their values by chance, with the present and with fitted constants."""
+    if not rows:
+        return "no cases"
+    machines = sorted({r["machine"] for r in rows})
+    lines = [f"{len(rows)} cases of {len(machines)} machines, {sum(bool(r['partial']) for r in rows)} ended by the limit; "
+             f"median processor time {np.median([r['seconds'] for r in rows]):.0f} s"]
+    sets: dict[str, list[Calibration]] = {"present constants": [CALIBRATION] * len(rows)}
+    if len(machines) > 1:
+        sets["fitted to all other machines"] = left_out(rows)
+        sets["fitted to all"] = [fitted(rows)] * len(rows)
+    for what, constants in sets.items():
+        lines += ["", what + (f": {constants[0]}" if len(set(constants)) == 1 else ""), _table(rows, constants)]
+        if pictures is not None:
+            pictures.mkdir(parents=True, exist_ok=True)
+            diagram(rows, constants).savefig(pictures / f"{what.replace(' ', '_')}.png")
+    return "\n".join(lines)
 
 
-def diagram(rows: Sequence[Row]) -> Figure:
-    """The reliability diagram, each machine with the constants fitted to all others: true over stated, 95 % intervals."""
+def _table(rows: Sequence[Row], constants: Sequence[Calibration]) -> str:
+    found = reliability(rows, constants)
+    lines = ["level    cases  first: ECE  chance 95 %  stated   true   all: ECE  chance 95 %  p of the true branch"]
+    for level, of in found.items():
+        chance, every = (by_chance(cases)[1] for cases in ([np.array([p]) for p in of.first], [c.p for c in of.cases]))
+        true = np.mean([c.p[c.true].sum() for c in of.cases])
+        lines.append(f"{level:8s} {len(of.cases):5d} {expected_error(of.first, of.first_true):11.3f} {chance:12.3f} "
+                     f"{of.first.mean():7.2f} {of.first_true.mean():6.2f} {expected_error(of.stated, of.true):10.3f} "
+                     f"{every:12.3f} {true:10.2f}")
+    pairs = list(zip(rows, constants, strict=True))
+    for kinds in (("inside",), KNOWN):
+        of_class = [probability_of_truth(r, c, "class") for r, c in pairs if r["hidden"] in kinds]
+        if of_class:
+            lines.append(f"mean probability of the true class, dominant effect {' or '.join(kinds)}: "
+                         f"{np.mean(of_class):.2f} ({len(of_class)} cases)")
+    for hidden in sorted({r["hidden"] for r in rows}):
+        ends = [deepest(r, c) for r, c in pairs if r["hidden"] == hidden]
+        counts = [f"{level or 'none'} {sum(e == (level, True) for e in ends)} right"
+                  + (f" {sum(e == (level, False) for e in ends)} wrong" if level else "")
+                  for level in ("", *LEVELS) if any(e[0] == level for e in ends)]
+        lines.append(f"deepest stated level, {hidden} ({len(ends)}): {'; '.join(counts)}")
+    return "\n".join(lines)
+
+
+def diagram(rows: Sequence[Row], constants: Sequence[Calibration]) -> Figure:
+    """Reliability diagrams, one for each level: true over stated, with the number of events and 95 % intervals."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    found = reliability(rows, left_out(rows))
-    panels = (("most probable explanation of each case", found.first, found.first_true),
-              ("all explanations above 1 %", found.stated, found.true))
+    from heavebond.pictures.plot import COLOURS, DPI, RECORD
+    from heavebond.pictures.plot_sample import SMALL, WIDTH, quiet
+
+    found = reliability(rows, constants)
     with rc_context(SMALL):
-        figure = Figure(figsize=(WIDTH, 0.57 * WIDTH), dpi=2 * DPI, layout="constrained")
-        for axes, (title, stated, true) in zip(figure.subplots(1, 2, sharey=True), panels, strict=True):
-            axes.plot([0, 1], [0, 1], color=RECORD, linewidth=0.8, label="exact")
-            bins = np.clip(np.searchsorted(EDGES, stated, side="right") - 1, 0, len(EDGES) - 2)
-            for b in np.unique(bins):
-                of = bins == b
-                n, k, p = int(of.sum()), int(true[of].sum()), float(stated[of].mean())
-                low, high = interval_of_share(k, n)
-                axes.errorbar(p, k / n, [[k / n - low], [high - k / n]], fmt="o", color=COLOURS[0], capsize=2, markersize=4)
-                axes.annotate(f"{n}", (p, low), (0, -8), textcoords="offset points", color=RECORD, ha="center", fontsize=6)
-            axes.set(title=title, xlabel="stated probability", xlim=(-0.02, 1.02), ylim=(-0.06, 1.02), aspect="equal")
-            quiet(axes)
-        figure.axes[0].set_ylabel("true frequency")
+        figure = Figure(figsize=(1.6 * WIDTH, 0.8 * WIDTH), dpi=2 * DPI, layout="constrained")
+        panels = figure.subplots(2, len(LEVELS), sharex=True, sharey=True)
+        for k, (level, of) in enumerate(found.items()):
+            for axes, stated, true in ((panels[0, k], of.first, of.first_true), (panels[1, k], of.stated, of.true)):
+                axes.plot([0, 1], [0, 1], color=RECORD, linewidth=0.8)
+                bins = _bins(stated)
+                for b in np.unique(bins):
+                    n, hits, p = int((bins == b).sum()), int(true[bins == b].sum()), float(stated[bins == b].mean())
+                    low, high = interval_of_share(hits, n)
+                    ends = [[max(hits / n - low, 0.0)], [max(high - hits / n, 0.0)]]
+                    axes.errorbar(p, hits / n, ends, fmt="o", color=COLOURS[0], capsize=2, markersize=3)
+                    axes.annotate(f"{n}", (p, low), (0, -8), textcoords="offset points", color=RECORD, ha="center",
+                                  fontsize=6)
+                axes.set(xlim=(-0.02, 1.02), ylim=(-0.08, 1.02), aspect="equal")
+                quiet(axes)
+            panels[0, k].set_title(level)
+            panels[1, k].set_xlabel("stated probability")
+        panels[0, 0].set_ylabel("first branch: true")
+        panels[1, 0].set_ylabel("all branches: true")
     return figure
-
-
-def fit() -> None:
-    """Print the constants and their reliability."""
-    rows = known_rows()
-    print(fitted(rows))
-    for what, found, (low, high) in figures(rows):
-        chance, most = by_chance(found.first)
-        print(f"fitted to {what}: {len(rows)} cases of {len({r['machine'] for r in rows})} machines, expected calibration "
-              f"error {expected_error(found.first, found.first_true):.3f} ({low:.3f} to {high:.3f}; by chance {chance:.3f}, "
-              f"up to {most:.3f}), of all events "
-              f"{expected_error(found.stated, found.true):.3f}, Brier {found.brier:.3f}, log loss {found.loss:.3f}, most "
-              f"probable true {found.first_true.mean():.2f}, stated {found.first.mean():.2f}")

@@ -1,32 +1,6 @@
-"""What the diagnosis said in the cases of the calibration study, against what was hidden."""
+"""Intervals of shares."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import Any
-
-Row = Mapping[str, Any]
-UNNAMED = ("shape", "undetermined")
-RIGHT, NONE, MISSED, WRONG = "right", "no name", "missed", "wrong"
-
-
-def outcome(row: Row) -> str:
-    """right: what was hidden is in the set that the answer names, or the answer says rightly that it is nothing, parameters
-    or no law of the catalogue; no name: something is missing, and nothing is named; missed: an effect or a wrong value is
-    said to be nothing; wrong: the set leaves out what was hidden. Where nothing was hidden but free parameters, each answer
-    but nothing and parameters is wrong: a false alarm."""
-    hidden, said = row["hidden"], row["verdict"]
-    if hidden in ("nothing", "free"):
-        return RIGHT if said in ("nothing", "parameters") else WRONG
-    if said == "nothing":
-        return MISSED
-    if hidden == "outside":
-        return RIGHT if said in UNNAMED else WRONG
-    if hidden == "fixed":
-        # a value that explains as much is told beside an effect
-        told = said == "parameters" or row["right"] or any(f"{row['label']} at" in line for line in row["words"])
-        return RIGHT if told else NONE if said in UNNAMED else WRONG
-    return NONE if said in UNNAMED else RIGHT if row["right"] else WRONG
 
 
 def interval(k: int, n: int) -> tuple[float, float]:

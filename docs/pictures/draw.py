@@ -258,9 +258,10 @@ def measured(folder: Path) -> list[Path]:
 
 def reliability(folder: Path) -> Path:
     """Stated probabilities of a diagnosis against true frequencies, in the cases of the calibration study."""
-    from benchmarks.diagnosis.reliability import diagram, known_rows
+    from benchmarks.diagnosis.reliability import diagram, known_rows, left_out
 
-    return plot.save(diagram(known_rows()), folder / "reliability.png")
+    rows, path = known_rows(), folder / "reliability.png"
+    return plot.save(diagram(rows, left_out(rows)), path) if rows else path
 
 
 DRAWN = (
