@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -166,7 +167,7 @@ class _Case:
         spread = np.std(np.hstack(list(self.base.values())), axis=1)
         if not np.all(spread > 0):
             raise _Unfit
-        self.noise = NOISE * spread * np.exp(rng.uniform(*np.log(NOISY), len(spread)))
+        self.noise = NOISE * spread * np.exp(rng.uniform(np.log(NOISY[0]), np.log(NOISY[1]), len(spread)))
         self._write("true", self.inputs, self.base)
         given = dict(zip(machine.outputs, self.noise.tolist(), strict=True))
         model = self.true.model.with_parameters(self.values)
@@ -233,9 +234,12 @@ class _Case:
         runs, problem = self.reference.problem.runs, self.reference.problem
         s = np.concatenate([((y[run.record.name] - base[run.record.name]) / self.noise[:, None])[run.counts]
                             for run in runs])
-        steps = lsq_linear(self.reference.J, s, (problem.low - self.reference.inner - 1e-9,
-                                                 problem.high - self.reference.inner + 1e-9)).x if problem.columns else []
-        return float(np.mean((s - self.reference.J @ steps) ** 2))
+        left = s
+        if problem.columns:
+            inner = self.reference.inner
+            limits = (problem.low - inner - 1e-9, problem.high - inner + 1e-9)  # a value may stand at its end
+            left = s - self.reference.J @ lsq_linear(self.reference.J, s, limits).x
+        return float(np.mean(left**2))
 
     @staticmethod
     def _tried(times: int, make: Callable[[], T]) -> T:
@@ -296,8 +300,8 @@ class _Case:
                 name: self.sheet[name] * (1 + tolerance * (1 + a)) ** side}), 0.5, 3.0)
         run = self.reference.problem.runs[0]
         known = {q.name: run.assembly.parameter_values.get(q.name, 0.0) for q in run.assembly.flat.parameters}
-        held = [c.numbers[0].name for c in fixed_values(self.true)]
-        name = self._one_of(sorted(n for n in {*self.sheet, *held} if n in known))
+        fixed = {c.numbers[0].name for c in fixed_values(self.true)}
+        name = self._one_of(sorted(n for n in {*self.sheet, *fixed} if n in known))
         if what == "record":
             if len(self.records) < 2:
                 raise _Unfit
@@ -363,7 +367,7 @@ class _Case:
             effects.extend([difference.effect] if difference.effect is not None else [])
 
         for part in rng.dirichlet(np.full(int(rng.choice(NUMBER)), 2.0)):
-            self._tried(TRIES, lambda part=part: add(None, part * clutter))
+            self._tried(TRIES, partial(add, None, float(part) * clutter))
         for signal, part in self._signals(clutter):
             with suppress(HeavebondError, _Unfit):
                 add(signal, part)
@@ -396,7 +400,8 @@ class _Case:
                   listed: tuple[tuple[str, str, float], ...], effects: Sequence[Candidate], struck: set[str]) -> Drawn:
         """The records with noise in steps, and the experiment with the library that the diagnosis knows."""
         rng = self.rng
-        step = self.noise * np.exp(rng.uniform(*np.log(STEP), len(self.noise))) * (rng.random(len(self.noise)) < STEPPED)
+        step = self.noise * np.exp(rng.uniform(np.log(STEP[0]), np.log(STEP[1]), len(self.noise)))
+        step *= rng.random(len(step)) < STEPPED
         measured = {}
         for name, y in self._channels(whole, TIGHT).items():
             noisy = y + self.noise[:, None] * rng.standard_normal(y.shape)

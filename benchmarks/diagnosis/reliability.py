@@ -297,7 +297,7 @@ def diagram(rows: Sequence[Row], constants: Sequence[Calibration]) -> Figure:
 
     found = reliability(rows, constants)
     with rc_context(SMALL):
-        figure = Figure(figsize=(1.6 * WIDTH, 0.8 * WIDTH), dpi=2 * DPI, layout="constrained")
+        figure = Figure(figsize=(1.6 * WIDTH, 0.72 * WIDTH), dpi=2 * DPI, layout="constrained")
         panels = figure.subplots(2, len(LEVELS), sharex=True, sharey=True)
         for k, (level, of) in enumerate(found.items()):
             for axes, stated, true in ((panels[0, k], of.first, of.first_true), (panels[1, k], of.stated, of.true)):
