@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from benchmarks.diagnosis import cluttered, keeping, reliability
+from benchmarks.diagnosis.calibration import Entry, listed
 from benchmarks.diagnosis.machines import MACHINES
-from heavebond.diagnosis.evidence.probability import Calibration
+from heavebond.diagnosis.evidence.probability import OUTSIDE, Calibration
 
 CONSTANTS = Calibration(0, 4.0, 0.25, math.log(2) / 0.75, 5.0, 0.02)  # odds outside: 0.25 at noise level
 SIX = len(reliability.GRID)
@@ -49,6 +50,19 @@ def test_probabilities_of_all_levels_follow_from_a_row_of_the_study() -> None:
     for level, p in {"system": 0.9408, "kind": 0.7644, "class": 0.6272, "law": 0.4704}.items():
         assert reliability.probability_of_truth(CASE, CONSTANTS, level) == pytest.approx(p)
     assert reliability.deepest(CASE, CONSTANTS) == ("class", True)  # the law has less than one half
+
+
+def test_small_laws_of_a_row_count_at_the_level_of_the_system() -> None:
+    weights = np.ones(SIX)
+    entries = [Entry(("machine", "a", "rate", "friction", "Coulomb"), "11111", 2, 0.9 * weights),
+               Entry(("machine", "b", "rate", OUTSIDE), "1000", 0, 1.0 * weights),
+               *(Entry(("machine", f"c{k}", "rate", "friction", "Drag"), "10000", 0, 0.001 * weights) for k in range(40))]
+    rows = listed(entries)
+    assert rows[0][:4] == [[0, 1, 2, 3, 4], "11111", 2, 0] and rows[1][:4] == [[0, 5, 6, 7], "1000", 0, 1]
+    assert rows[2] == [[0], "1", 0, 0, [pytest.approx(0.04)] * SIX] and len(rows) == 3
+    found = reliability.levels({**CASE, "laws": rows, "values": [0.0] * SIX}, CONSTANTS)
+    assert found["system"].p == pytest.approx([0, 0.784 * 0.94 + 0.196, 0.02 + 0.784 * 0.06])
+    assert found["place"].p[-1] == pytest.approx(0.784 * 0.04)  # another
 
 
 def test_losses_are_those_of_the_probabilities() -> None:

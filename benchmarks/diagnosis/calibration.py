@@ -129,24 +129,50 @@ def evidence_of(case: Drawn, step: Stage, known: Evidence, answer: Diagnosis) ->
         if known.effects:
             values[k] = (1 - known.untried) * sum(
                 float(w) for e, w in zip(known.effects, known.weights[temperature], strict=True) if e.kind == VALUE)
-    laws = sorted((law for law in table.values() if law.weights.max() >= LEAST), key=lambda law: -law.weights.max())[:LEAVES]
-    numbers: dict[tuple[object, ...], int] = {}
-    rows = []
+    laws = sorted(table.values(), key=lambda law: -law.weights.max())
+    entries = []
     for law in laws:
-        keys = law.leaf.keys
-        branches = [numbers.setdefault(keys[:d + 1], len(numbers)) for d in range(len(keys))]
         matches = max((_match(case, step, candidates[label]) for label in law.leaf.labels if label in candidates), default=0)
-        rows.append([branches, "".join(map(str, true_levels(case, step, law.leaf, matches == 2))), matches,
-                     int(OUTSIDE in keys), [round(float(w), DIGITS) for w in law.weights]])
+        truths = "".join(map(str, true_levels(case, step, law.leaf, matches == 2)))
+        entries.append(Entry(law.leaf.keys, truths, matches, law.weights))
     values_alike = case.effect is not None and bool(step.acts_as.get(case.effect.label))
     adequacy = answer.adequacy
-    return {"laws": rows, "names": [" | ".join(law.leaf.names[1:]) for law in laws[:3]],
+    return {"laws": listed(entries), "names": [" | ".join(law.leaf.names[1:]) for law in laws[:3]],
             "values": [round(float(v), DIGITS) for v in values],
             "nothing": int(case.hidden in ("clutter", "value") or values_alike),
             "left": _short(known.left), "missing": _short(known.missing), "sheet": _short(known.sheet),
             "untried": round(known.untried, 3),
             "flexible": [_short(known.outside[t]) for t in GRID] if known.outside else None,
             "curves": [len(known.curves), *([int(adequacy.tried), int(adequacy.beaten)] if adequacy is not None else [])]}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A law in a row: the keys of its branches, whether they are true, how it matches, and its weights (k,)."""
+
+    keys: tuple[object, ...]
+    truths: str
+    matches: int
+    weights: Array
+
+
+def listed(entries: Sequence[Entry]) -> list[list[object]]:
+    """The entries of a row, those with the largest weights first: the branches as numbers. Small ones count together, in a
+    branch of the level `system` without others below it."""
+    large = [entry for entry in entries if entry.weights.max() >= LEAST][:LEAVES]
+    small: dict[tuple[object, bool], Entry] = {}
+    for entry in (e for e in entries if not any(e is other for other in large)):
+        key = entry.keys[0], OUTSIDE in entry.keys
+        before = small.get(key, Entry((entry.keys[0], *([OUTSIDE] if key[1] else [])), "0", 0, np.zeros(len(GRID))))
+        small[key] = replace(before, weights=before.weights + entry.weights,
+                             truths=max(before.truths, entry.truths[0]))
+    numbers: dict[tuple[object, ...], int] = {}
+    rows: list[list[object]] = []
+    for entry in (*large, *small.values()):
+        branches = [numbers.setdefault(entry.keys[:d + 1], len(numbers)) for d in range(len(entry.truths))]
+        rows.append([branches, entry.truths, entry.matches, int(OUTSIDE in entry.keys),
+                     [round(float(w), DIGITS) for w in entry.weights]])
+    return rows
 
 
 @dataclass(frozen=True)

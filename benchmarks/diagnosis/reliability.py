@@ -73,8 +73,7 @@ def levels(row: Row, constants: Calibration) -> dict[str, Level]:
         branches: dict[int, tuple[float, bool]] = {}
         under: dict[int, list[int]] = {}
         for (numbers, truths, *_), mass in zip(row["laws"], p, strict=True):
-            parent = numbers[depth - 1] if depth else -1
-            if depth < len(numbers) and parent in above:
+            if depth < len(numbers) and (parent := numbers[depth - 1] if depth else -1) in above:
                 before = branches.get(numbers[depth], (0.0, False))
                 branches[numbers[depth]] = (before[0] + mass, before[1] or truths[depth] == "1")
                 under.setdefault(parent, []).append(numbers[depth])
