@@ -58,7 +58,10 @@ def json_option(command: Command) -> Command:
 def scheduler_option(command: Command) -> Command:
     """--scheduler ADDRESS."""
     return click.option("--scheduler", metavar="ADDRESS",
-                        help="Work on the workers of this dask scheduler, e.g. tcp://host:8786.")(command)
+                        help="Work on the workers of this dask scheduler, e.g. tcp://host:8786. Plain tcp has no "
+                        "authentication: whoever reaches the port of the scheduler can run programs on its workers. In a "
+                        "network that others use, give tls://host:8786 and set the certificates in dask's configuration "
+                        "(distributed.comm.tls: ca-file, client.cert, client.key).")(command)
 
 
 def set_option(command: Command) -> Command:
@@ -214,5 +217,5 @@ def check_writable(path: Path, suffixes: Sequence[str] = ()) -> None:
 def check_new(path: Path, suffixes: Sequence[str]) -> None:
     """UsageError where a file of the user's stands at `path` already, or none can be made there."""
     check_writable(path, suffixes)
-    if path.exists():
+    if os.path.lexists(path):  # also as a link that leads nowhere
         raise UsageError([Problem("file-exists", f"{path} exists already", None, "Give another name, or remove it first.")])

@@ -6,42 +6,103 @@ and then renamed. After a full disk, a killed process or an error the previous f
 
 from __future__ import annotations
 
+import errno
 import os
+import re
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 
 from heavebond.core.errors import Problem, UsageError
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
 LONGEST_STEM = 100  # characters of the name that the name of an unfinished file repeats; a name may have 255 bytes
+UNFINISHED = re.compile(r"\..*\.[0-9a-f]{8}\.new(\.\w+)?")  # the names of unfinished files
+DESCRIPTORS = os.open in os.supports_dir_fd  # whether files are opened relative to the descriptor of a folder
+FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0) | getattr(os, "O_CLOEXEC", 0)
+NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
+_root: ContextVar[Path | None] = ContextVar("root", default=None)
+
+
+@contextmanager
+def confined(root: Path) -> Iterator[None]:
+    """Within it `new_file`, `write_text` and `make_folder` write below the folder `root` only, whatever links are in it or
+    are put there meanwhile; PermissionError for other paths, and for devices and pipes."""
+    before = _root.set(root.resolve())
+    try:
+        yield
+    finally:
+        _root.reset(before)
+
+
+def open_folder(path: Path, root: Path | None = None, *, make: bool = False) -> int:
+    """The descriptor of a folder, which is made with its parents if `make` is true. Each folder between `root` and `path` is
+    opened relative to the one above it, and none may be a link; PermissionError for a path outside `root`."""
+    if root is None:
+        return os.open(path, FOLDER)
+    if not path.is_relative_to(root):
+        raise PermissionError(errno.EACCES, f"it leads out of the folder {root}", str(path))
+    folder = os.open(root, FOLDER)
+    for part in path.relative_to(root).parts:
+        try:
+            if make:
+                with suppress(FileExistsError):
+                    os.mkdir(part, dir_fd=folder)
+            inner = os.open(part, FOLDER | NO_LINK, dir_fd=folder)
+        finally:
+            os.close(folder)
+        folder = inner
+    return folder
 
 
 @contextmanager
 def new_file(path: str | Path, *, exclusive: bool = False) -> Iterator[Path]:
     """A path with the same suffix to write to; what stands there at the end takes the place of `path` in one step.
 
-    Devices and pipes are written directly. With `exclusive` FileExistsError where `path` exists at the end. OSError names
-    `path`, not the unfinished file.
+    A link at `path` is followed, devices and pipes are written directly; see also `confined`. With `exclusive`
+    FileExistsError where `path` exists at the end, as a file or as a link to anything. OSError names `path`, not the
+    unfinished file. Unfinished files that killed processes left in the folder are removed.
     """
-    target = Path(os.path.realpath(path))
-    if target.exists() and not target.is_file():
+    root, path = _root.get(), Path(path)
+    target = Path(os.path.realpath(path.parent)) / path.name if exclusive else Path(os.path.realpath(path))
+    if root is None and target.exists() and not target.is_file():
         yield target
         return
-    fresh = target.with_name(f".{target.stem[:LONGEST_STEM]}.{os.urandom(4).hex()}.new{target.suffix}")
+    name = f".{target.stem[:LONGEST_STEM]}.{os.urandom(4).hex()}.new{target.suffix}"
+    fresh, at, folder, lock = target.with_name(name), {}, -1, -1
     try:
         try:
-            os.close(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+            if DESCRIPTORS:
+                folder = open_folder(target.parent, root)
+                at = {"dir_fd": folder}
+                if root is not None:
+                    _check_replaceable(target.name, folder)
+                    fresh = _by_descriptor(folder, fresh)
+                _remove_unfinished(folder)
+            elif root is not None and not target.is_relative_to(root):
+                raise PermissionError(errno.EACCES, f"it leads out of the folder {root}", str(path))
+            lock = _created(name if at else fresh, at)
             yield fresh
             _flush(fresh)
-            _rename(fresh, target, exclusive)
+            _rename(name if at else fresh, target.name if at else target, exclusive, at)
         except BaseException:
             with suppress(OSError):
-                fresh.unlink()
+                os.unlink(name if at else fresh, **at)
             raise
     except OSError as error:
-        if error.filename in (None, str(fresh), fresh):
+        if error.filename in (None, str(fresh), fresh, name, str(target.parent), target.name):
             raise type(error)(error.errno, error.strerror or str(error), str(path)) from error
         raise
+    finally:
+        for descriptor in (lock, folder):
+            if descriptor >= 0:
+                os.close(descriptor)
 
 
 def write_text(path: str | Path, text: str, *, exclusive: bool = False) -> None:
@@ -50,35 +111,75 @@ def write_text(path: str | Path, text: str, *, exclusive: bool = False) -> None:
         file.write(text)
 
 
+def _check_replaceable(name: str, folder: int) -> None:
+    """PermissionError for a name in a folder that is no ordinary file."""
+    with suppress(FileNotFoundError):
+        if not stat.S_ISREG(os.stat(name, dir_fd=folder, follow_symlinks=False).st_mode):
+            raise PermissionError(errno.EACCES, "it is no ordinary file", name)
+
+
+def _by_descriptor(folder: int, fresh: Path) -> Path:
+    """A path of a file in an opened folder that leads there even if the folder is moved and a link is put in its place."""
+    found = Path(f"/proc/{os.getpid()}/fd/{folder}")  # Linux
+    return found / fresh.name if found.exists() else fresh
+
+
+def _created(fresh: str | Path, at: dict[str, int]) -> int:
+    """The descriptor of a new empty file. Its lock shows other processes that it is still being written; -1 where the system
+    has no locks."""
+    while True:
+        lock = os.open(fresh, os.O_RDWR | os.O_CREAT | os.O_EXCL | NO_LINK, 0o666, **at)
+        if fcntl is None:
+            os.close(lock)  # Windows does not rename open files
+            return -1
+        with suppress(OSError):  # of file systems without locks, where unfinished files are not removed
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        if os.fstat(lock).st_nlink:
+            return lock
+        os.close(lock)  # another process has removed it before it was locked
+
+
+def _remove_unfinished(folder: int) -> None:
+    """Remove the unfinished files in a folder whose processes have ended: these do not hold their locks any more."""
+    for name in filter(UNFINISHED.fullmatch, os.listdir(folder) if fcntl is not None else ()):
+        with suppress(OSError):
+            file = os.open(name, os.O_RDWR | os.O_NONBLOCK | NO_LINK, dir_fd=folder)
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                os.unlink(name, dir_fd=folder)
+            finally:
+                os.close(file)
+
+
 def _flush(path: Path) -> None:
     # r+: Windows flushes only what is open for writing
     with open(path, "rb+") as file:
         os.fsync(file.fileno())
 
 
-def _rename(fresh: Path, target: Path, exclusive: bool) -> None:
+def _rename(fresh: str | Path, target: str | Path, exclusive: bool, at: dict[str, int]) -> None:
+    """Give a file its name; both names are relative to the folder `at`, if there is one."""
+    folder = at.get("dir_fd")
+    both = {} if folder is None else {"src_dir_fd": folder, "dst_dir_fd": folder}
     if exclusive:
         # a link fails where the name is taken; some file systems have none
         try:
-            os.link(fresh, target)
-            fresh.unlink()
+            os.link(fresh, target, follow_symlinks=False, **both)
+            os.unlink(fresh, **at)
         except FileExistsError:
             raise
-        except OSError:
-            if target.exists():
-                raise FileExistsError(17, "File exists", str(target)) from None
-            os.replace(fresh, target)
+        except (OSError, NotImplementedError):
+            with suppress(FileNotFoundError):
+                os.stat(target, follow_symlinks=False, **at)
+                raise FileExistsError(errno.EEXIST, "File exists", str(target)) from None
+            os.replace(fresh, target, **both)
     else:
         with suppress(OSError):
-            os.chmod(fresh, target.stat().st_mode & 0o777)
-        os.replace(fresh, target)
-    if hasattr(os, "O_DIRECTORY"):  # the rename itself reaches the disk with its folder
+            os.chmod(fresh, os.stat(target, dir_fd=folder, follow_symlinks=False).st_mode & 0o777, dir_fd=folder)
+        os.replace(fresh, target, **both)
+    if folder is not None:  # the rename itself reaches the disk with its folder
         with suppress(OSError):
-            folder = os.open(target.parent, os.O_RDONLY | os.O_DIRECTORY)
-            try:
-                os.fsync(folder)
-            finally:
-                os.close(folder)
+            os.fsync(folder)
 
 
 def why_unwritable(folder: Path) -> str:
@@ -98,9 +199,12 @@ def why_unwritable(folder: Path) -> str:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and its parents where they do not exist; UsageError where that fails."""
+    """Make a folder and its parents where they do not exist; UsageError where that fails. See also `confined`."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        if (root := _root.get()) is not None and DESCRIPTORS:
+            os.close(open_folder(Path(os.path.realpath(folder)), root, make=True))
+        else:
+            folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         said = f"the folder '{folder}' cannot be made: {(error.strerror or str(error)).lower()}"
         raise UsageError([Problem("file-unwritable", said, None, "Give another one.")]) from None

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError, listing, suggest
-from heavebond.core.writable import new_file, write_text
+from heavebond.core.writable import make_folder, new_file, write_text
 from heavebond.estimation.experiment import load_experiment
 from heavebond.language.library import bundled
 from heavebond.language.model import load
@@ -56,7 +56,7 @@ def start_folder(folder: Path, origin: str | None = None) -> StarterFolder:
                                   "Take another name, or remove it first.")])
     if not folder.parent.is_dir():
         raise UsageError([Problem("file-unwritable", f"there is no folder '{folder.parent}'", None, "Make it first.")])
-    folder.mkdir(exist_ok=True)
+    make_folder(folder)
     return _copied(machine, folder) if machine is not None else _made(folder, name)
 
 
@@ -72,7 +72,7 @@ def _machine(origin: str) -> Path:
 
 # -- a rig of one load -----------------------------------------------------------------------------------------------
 def _made(folder: Path, name: str) -> StarterFolder:
-    (folder / "data").mkdir()
+    make_folder(folder / "data")
     places = {"NAME.yaml": f"{name}.yaml", "hidden.yaml": "data/hidden.yaml"}
     files = []
     for template in sorted(TEMPLATE.iterdir()):
@@ -100,7 +100,11 @@ def _records(hidden: Path) -> Iterable[Path]:
 # -- a bundled machine -----------------------------------------------------------------------------------------------
 def _copied(machine: Path, folder: Path) -> StarterFolder:
     """All files of a machine but those that tell what is hidden in its records."""
-    shutil.copytree(machine, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("truth.yaml"))
+    for source in sorted(path for path in machine.rglob("*") if path.is_file() and path.name != "truth.yaml"):
+        copy = folder / source.relative_to(machine)
+        make_folder(copy.parent)
+        with new_file(copy) as fresh:
+            shutil.copyfile(source, fresh)
     heads: dict[str, list[Path]] = {}
     for path in sorted(folder.glob("*.yaml")):
         items = read(path).root.items

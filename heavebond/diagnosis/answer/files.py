@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -109,7 +110,7 @@ class Targets:
         return found
 
     def _with_free_numbers(self) -> Targets:
-        free = (k for k in itertools.count(self.first) if not any(path.exists() for path in self._files(k)))
+        free = (k for k in itertools.count(self.first) if not any(os.path.lexists(path) for path in self._files(k)))
         return replace(self, numbers=tuple(itertools.islice(free, LADDER)))
 
     def _pair(self, number: int) -> tuple[Path, Path]:
@@ -128,7 +129,7 @@ class Targets:
     @property
     def passed(self) -> Path | None:
         """The first file that exists and keeps its name; None where there is none."""
-        taken = (path for k in range(self.first, self.numbers[0]) for path in self._files(k) if path.exists())
+        taken = (path for k in range(self.first, self.numbers[0]) for path in self._files(k) if os.path.lexists(path))
         return next(taken, None)
 
     @property
@@ -146,7 +147,7 @@ class Targets:
         """The page on the diagnosis of `rig.yaml`: `rig_report.html`, `rig_report_2.html` where that exists (the page of
         `rig_2.yaml` is `rig_2_report.html`)."""
         names = (f"{self.experiment}_report{f'_{k}' if k > 1 else ''}.html" for k in itertools.count(1))
-        return next(path for name in names if not (path := self.folder / name).exists())
+        return next(path for name in names if not os.path.lexists(path := self.folder / name))
 
 
 def is_finding(path: Path, before: Experiment) -> bool:
