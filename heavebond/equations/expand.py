@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from heavebond.core.errors import HeavebondError, ModelError, Place, Problems, listing, suggest
-from heavebond.core.limits import OF_A_KIND
+from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, Problems, listing, suggest
+from heavebond.core.limits import EXPANDED, OF_A_KIND
 from heavebond.core.units import is_generic
 from heavebond.equations.arrays import by_elements, shared, vector_outputs
 from heavebond.equations.data_sheets import DataSheet, data_sheets, taken, whole
@@ -13,7 +13,7 @@ from heavebond.equations.expanded import Bound, Expanded, Leaf
 from heavebond.equations.repetition import repeated
 from heavebond.equations.wires import Wires
 from heavebond.language.definition import Body, Component, FileInput, Instance, Parameter, Value
-from heavebond.language.lists import lengths, short, written_out
+from heavebond.language.lists import lengths, short, written_out, written_size
 from heavebond.language.model import Model
 from heavebond.language.sections import Setting
 from heavebond.language.values import bounds_text, check_bounds, check_dimension
@@ -35,7 +35,7 @@ def expand(model: Model) -> Expanded:
 
 def expand_as_far(model: Model) -> tuple[Expanded, Problems]:
     """An unfinished diagram, opened as far as it goes, and all that is wrong with it: parts of unknown kinds, ends of wires
-    that mean nothing and values that are missing are left out."""
+    that mean nothing and values that are missing are left out. ModelError for a diagram that is too large to be opened."""
     opener = _Opener(model)
     opener.top()
     opener.wires.arrays()
@@ -62,6 +62,7 @@ class _Opener:
         self.inside: dict[str, tuple[Instance, str]] = {}  # parts that take the place of those of blocks, and their scopes
         self.scopes: dict[str, str] = {}
         self.sheets: dict[str, list[str]] = {}
+        self.size = 0  # see EXPANDED
 
     def top(self) -> None:
         model = self.model
@@ -183,6 +184,7 @@ class _Opener:
             if bound is not None:
                 parameters[name] = bound
         integers = self._integers(component, parameters, outer)
+        self._check_size(path, written_size(component, integers) + len(component.body.wires))
         component = written_out(component, integers)
         for name, parameter in component.parameters.items():
             bound = parameters.get(name) or self._given(instance, name, prefix, path)
@@ -207,6 +209,17 @@ class _Opener:
         self.leaves[path] = Leaf(path, component, instance.place, parameters, inputs, integers)
         if component.composite:
             self._body(component.body, path + ".", component, integers, (*kinds, component.name))
+
+    def _check_size(self, path: str, added: int) -> None:
+        """ModelError if the opened diagram has become too large, before the parts of the next component are made."""
+        self.size += 1 + added
+        if self.size > EXPANDED:
+            outermost = self.model.body.instances.get(path.split(".")[0])
+            raise ModelError([Problem(
+                "diagram-too-large", f"with its blocks opened, this diagram has more than {EXPANDED} parts, ports, "
+                f"parameters and variables; this number is reached at '{path}'",
+                outermost.place if outermost is not None else None,
+                "The parts of blocks inside blocks multiply: use fewer levels, fewer copies (`repeat`) or shorter lists.")])
 
     @staticmethod
     def _own(component: Component, name: str, path: str) -> Bound | None:

@@ -262,6 +262,8 @@ def _yaml_files(top: Path) -> list[str]:
 
 def _head_of(path: Path) -> tuple[str, str]:
     """Whether a file describes a component or a function, and its name; empty where it describes neither."""
+    if not path.is_file():  # a pipe would be waited for
+        return "", ""
     try:
         found = _HEAD.search(read_text(path))
     except ModelError:

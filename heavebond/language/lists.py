@@ -46,6 +46,17 @@ def _written_out(key: Same, integers: tuple[tuple[str, int], ...]) -> Component:
                    variables=_spread(key.component.variables, known), signals=_spread(key.component.signals, known))
 
 
+def written_size(component: Component, integers: Mapping[str, int]) -> int:
+    """How many ports, parameters, variables and signals a component has when its lists are written out."""
+    def number(expr: Expr | None) -> int:
+        return 1 if expr is None else max(0, whole_number(expr, integers) or 0)
+
+    listed: list[Parameter | Variable | SignalPort] = [
+        *component.parameters.values(), *component.variables.values(), *component.signals.values()]
+    return sum(number(item.count) * number(item.columns) for item in listed) + \
+        sum(number(port.count) for port in component.ports.values())
+
+
 def _spread(items: Mapping[str, Item], known: Mapping[str, int]) -> dict[str, Item]:
     found: dict[str, Item] = {}
     for name, item in items.items():

@@ -17,6 +17,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from heavebond.core.errors import ModelError, Place, Problem, listing, suggest
+from heavebond.core.limits import SYMBOL_BYTES
 from heavebond.language.definition import Component
 from heavebond.language.library import bundled, shown_path
 from heavebond.pictures.text_metrics import KIND, NAME, PORT, Line, size, text_width
@@ -121,7 +122,11 @@ def _wrong(code: str, message: str, place: Place | None, hint: str) -> ModelErro
 def _read(path: Path, stamp: int) -> Shape:
     place = Place(shown_path(path), 1)
     try:
-        text = path.read_text(encoding="utf-8")
+        with open(path, "rb") as file:
+            content = file.read(SYMBOL_BYTES + 1)
+        if len(content) > SYMBOL_BYTES:
+            raise _wrong("symbol-bad", f"a symbol has at most {SYMBOL_BYTES // 1000} kB", place, "Draw it with fewer marks.")
+        text = content.decode("utf-8")
         if "<!" in text.replace("<!--", ""):  # entities could unfold to any size
             raise _wrong("symbol-bad", "a symbol has no document type and no entities", place, "Remove what begins `<!`.")
         root = ElementTree.fromstring(text)

@@ -68,6 +68,10 @@ class Sequence:
     kind = "a list"
 
 
+# what only an escape sequence can write: the end of a name of a file for the system, and halves of characters
+_NO_TEXT = re.compile("[\0\ud800-\udfff]")
+
+
 @dataclass(frozen=True)
 class Source:
     """One file that was read: its path, its text lines and its top mapping."""
@@ -82,26 +86,37 @@ def read_text(path: Path, name: str | None = None) -> str:
     """The text of a UTF-8 file; ModelError where it is absent, a folder, too large or not text."""
     name = name or str(path)
     try:
-        if path.stat().st_size > FILE_BYTES:
-            raise ModelError([Problem("file-too-large", f"{name} is larger than {FILE_BYTES // 10**6} MB", None,
-                                      "Is this a record? A diagram is a small text file.")])
-        return path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise ModelError([Problem("file-missing", f"there is no file {name}", None,
-                                  "Check the path; it counts from the current folder.")]) from None
-    except IsADirectoryError:
-        raise ModelError([Problem("file-is-folder", f"{name} is a folder, not a file", None,
-                                  "Give the YAML file in it.")]) from None
-    except UnicodeDecodeError as error:
-        raise ModelError([_not_utf8(path, name, error.start)]) from None
+        with open(path, "rb") as file:
+            raw = file.read(FILE_BYTES + 1)
     except OSError as error:
-        raise ModelError([Problem("file-unreadable", f"{name} cannot be read: {error.strerror}", None,
-                                  "Check the file's permissions.")]) from None
+        raise unreadable(error, name) from None
+    return decoded_text(raw, name)
 
 
-def _not_utf8(path: Path, name: str, position: int) -> Problem:
+def unreadable(error: OSError, name: str) -> ModelError:
+    """Why a file cannot be read."""
+    if isinstance(error, FileNotFoundError):
+        return ModelError([Problem("file-missing", f"there is no file {name}", None,
+                                   "Check the path; it counts from the current folder.")])
+    if isinstance(error, IsADirectoryError):
+        return ModelError([Problem("file-is-folder", f"{name} is a folder, not a file", None, "Give the YAML file in it.")])
+    return ModelError([Problem("file-unreadable", f"{name} cannot be read: {error.strerror}", None,
+                               "Check the file's permissions.")])
+
+
+def decoded_text(raw: bytes, name: str) -> str:
+    """The text of a file with line feeds at the ends of lines; ModelError where the file is too large or not UTF-8."""
+    if len(raw) > FILE_BYTES:
+        raise ModelError([Problem("file-too-large", f"{name} is larger than {FILE_BYTES // 10**6} MB", None,
+                                  "Is this a record? A diagram is a small text file.")])
+    try:
+        return raw.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError as error:
+        raise ModelError([_not_utf8(raw, name, error.start)]) from None
+
+
+def _not_utf8(raw: bytes, name: str, position: int) -> Problem:
     """What is wrong at byte `position`; where the rest looks like text, the line is shown with `?` for what is not."""
-    raw = path.read_bytes()
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return Problem("not-text", f"{name} is UTF-16 text", None, "Save the file again with the encoding UTF-8.")
     if b"\0" in raw:
@@ -426,6 +441,9 @@ class _Builder:
 
     def _scalar(self, event: yaml.ScalarEvent) -> Scalar:
         start, end = event.start_mark, event.end_mark
+        if event.style == '"' and (odd := _NO_TEXT.search(event.value)):
+            self.problems.add("not-text", f"the character with the code {ord(odd.group())} cannot be used in a text",
+                              self.place(start, 2 + len(event.value)), hint="Remove the escape sequence that stands for it.")
         if event.style in ("|", ">"):
             return self._block(event)
         quoted = event.style in ("'", '"')
