@@ -132,6 +132,8 @@ class Flat:
     block_bonds: dict[str, Bond] = field(default_factory=dict)  # of the blocks that they are in
     domains: dict[str, Domain] = field(default_factory=dict)    # by the path of a node or port
     templates: dict[str, Template] = field(default_factory=dict, repr=False)
+    # `also` and `widths`, with which `flatten` makes the same of the diagram; None if other equations were put in since
+    options: tuple[tuple[str, ...], float] | None = None
 
     @cached_property
     def levels(self) -> tuple[tuple[ca.SX, ...], ...]:
@@ -192,7 +194,8 @@ def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Flat
     claimed = claim_names(expanded, network, problems)
     problems.raise_as(ModelError)
     with calling(model.library.functions):  # names of outputs and of conditions are formulas
-        return _Builder(expanded, network, make_parameters(expanded, network, order), claimed).build(tuple(also))
+        flat = _Builder(expanded, network, make_parameters(expanded, network, order), claimed).build(tuple(also))
+    return replace(flat, options=(tuple(also), widths))
 
 
 def unclocked(flat: Flat) -> Flat:
@@ -204,7 +207,7 @@ def unclocked(flat: Flat) -> Flat:
     symbols = stack(flat.constants[name] for name in own)
     passed = stack(e.first <= flat.time if e.indicator is None else e.indicator > 0 for e in own.values())
     gone, last = {name for clock in own for name in (clock, f"initial.{clock}")}, -len(own)  # they were put in as the last
-    return replace(flat, parameters=flat.parameters[:last], p=flat.p[:last], held=flat.held[:last],
+    return replace(flat, parameters=flat.parameters[:last], p=flat.p[:last], held=flat.held[:last], options=None,
                    residual_column=ca.substitute(flat.residual_column, symbols, passed),
                    events=tuple(event for event in flat.events if not event.by_clock),
                    constants={name: s for name, s in flat.constants.items() if name not in gone},

@@ -160,4 +160,4 @@ def with_virtual_sources(flat: Flat, nodes: Mapping[str, Node], file: Path) -> F
         inputs.append(KnownInput(name, source, node.unit, symbols))
         # what flows into the components sums to what the source delivers
         residuals[row] = residuals[row] - symbols[0]
-    return replace(flat, residual_column=stack(residuals), inputs=tuple(inputs))
+    return replace(flat, residual_column=stack(residuals), inputs=tuple(inputs), options=None)

@@ -147,7 +147,7 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
     assembly = assembly.with_sizes(sizes) if sizes else assembly
     stops = stop_events(assembly)
     if events and stops:
-        flat = replace(assembly.flat, events=(*assembly.flat.events, *stops))
+        flat = replace(assembly.flat, events=(*assembly.flat.events, *stops), options=None)
         assembly = replace(assembly, reduced=replace(assembly.reduced, flat=flat), memo={})
     return replace(_portable(assembly, column, prefix), stops=ca.Function(f"{prefix}stops", [assembly.arguments[3]], [
         ca.densify(stack(e.first for e in stops))]))

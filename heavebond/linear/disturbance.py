@@ -53,7 +53,7 @@ def disturbed(flat: Flat, names: Iterable[str]) -> Flat:
         for row in source.rows:
             residuals[row] = _shifted(flat, residuals[row], source.unknown, symbols)
     problems.raise_as(UsageError)
-    return replace(flat, residual_column=stack(residuals), inputs=tuple(inputs))
+    return replace(flat, residual_column=stack(residuals), inputs=tuple(inputs), options=None)
 
 
 def quiet(flat: Flat, added: int, begin: float, end: float) -> Pieced:

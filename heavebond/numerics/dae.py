@@ -61,6 +61,13 @@ class Assembly:
             count(len(self.state_names), "state"), count(len(self.algebraic_names), "algebraic unknown"),
             count(len(self.parameter_names), "parameter"))))
 
+    def __reduce__(self) -> tuple[Callable[..., Assembly], tuple[object, ...]]:
+        """Pickle the diagram and the numbers: another process assembles them again, as CasADi's functions stay in theirs.
+        TypeError for an assembly whose equations are no longer those of the diagram."""
+        if self.flat.options is None:
+            raise TypeError("an assembly with equations that its diagram does not have cannot be pickled")
+        return _assembled_again, (self.model, *self.flat.options, self.reduced.states, self.p, dict(self.sizes))
+
     def once(self, key: object, make: Callable[[], T]) -> T:
         """What is made of the equations alone, whatever the values of the parameters, and asked for at every run."""
         if key not in self.memo:
@@ -229,6 +236,15 @@ def assemble(model: ModelOrFile | Assembly, also: Iterable[str] = (), widths: fl
         made = build(reduced)
         check()
         return made
+
+
+def _assembled_again(model: Model, also: tuple[str, ...], widths: float, states: tuple[tuple[int, int], ...], p: Array,
+                     sizes: Mapping[str, float]) -> Assembly:
+    """The assembly of a diagram in the states and with the numbers of another one."""
+    assembly = assemble(model, also, widths)
+    if assembly.reduced.states != states:
+        assembly = build(assembly.reduced.choices.solve(list(states)))
+    return replace(assembly.with_sizes(sizes) if sizes else assembly, p=p)
 
 
 def build(reduced: Reduced) -> Assembly:

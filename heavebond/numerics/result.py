@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -57,6 +57,11 @@ Stayed = tuple[NDArray[np.intp], "Result"]
 Settle = Callable[[NDArray[np.intp]], Array]  # the algebraic unknowns (n_z, k) at points of a run by their numbers
 
 
+def _kept(dense: Result) -> tuple[Result, Settle | None]:
+    """What `between` of a run gives that was handed over with its dense points."""
+    return dense, None
+
+
 @dataclass(frozen=True)
 class Result:
     """A run: `time` (N,) in s, states x (n_x, N) and algebraic unknowns z (n_z, N) in SI, and every variable by name.
@@ -87,6 +92,12 @@ class Result:
     stays: tuple[Stayed, ...] = ()
     between: Callable[[], tuple[Result, Settle | None]] | None = field(default=None, repr=False, compare=False)
     ended: Finding | None = None
+
+    def __reduce__(self) -> tuple[Callable[..., Result], tuple[object, ...]]:
+        """Pickle the numbers, those of `dense` too; see `Assembly` for the equations."""
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        values["between"] = None if self._points is None else partial(_kept, self.dense)
+        return partial(Result, **values), ()
 
     @cached_property
     def verdict(self) -> Verdict:
