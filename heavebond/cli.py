@@ -89,6 +89,8 @@ class Commands(click.Group):
         atexit.register(gc.freeze)
         # before NumPy is imported: small matrices are not split over processors (see core.threads)
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        # before matplotlib is imported: pictures go to files, and a name that it does not know would end every command
+        os.environ["MPLBACKEND"] = "agg"
         with signals_heard():
             self._main(args, prog_name)
 
@@ -116,11 +118,14 @@ class Commands(click.Group):
             sys.exit(PIPE_CLOSED)
         except OSError as error:
             problems, code = [Problem("file", f"{error.filename or 'a file'}: {error.strerror or error}")], WRONG_USAGE
+            if lacks_memory(error):
+                problems, code = [own_fault(error, given)], AT_FAULT
         except (click.Abort, KeyboardInterrupt) as error:
             problems, code = _interrupted()
             figures = getattr(error.__cause__ or error, "figures", {})  # click makes an Abort of it
         except Exception as error:
-            problems, code = _interrupted() if is_interrupt(error) else ([own_fault(error, given)], OWN_FAULT)
+            problems, code = _interrupted() if is_interrupt(error) else (
+                [own_fault(error, given)], AT_FAULT if lacks_memory(error) else OWN_FAULT)
         try:
             if heard:
                 code, problems, figures = _judged(heard, code, problems, figures)
@@ -164,6 +169,19 @@ def _interrupted() -> tuple[list[Problem], int]:
     return [Problem("interrupted", WORDS.get(Signals(number).name, "interrupted"))], SIGNALLED + number
 
 
+# what libraries raise instead of a MemoryError: the loader of shared libraries, CasADi, threads
+NO_MEMORY = ("failed to map segment", "cannot allocate memory", "bad_alloc", "can't start new thread")
+
+
+def lacks_memory(error: BaseException | None) -> bool:
+    """Whether an exception, or one that led to it, comes of too little memory."""
+    while error is not None:
+        if isinstance(error, MemoryError) or any(words in str(error).lower() for words in NO_MEMORY):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
 def own_fault(error: Exception, given: Sequence[str]) -> Problem:
     """The problem for an exception that is none of the project's own; its full trace goes to a file."""
     import platform
@@ -180,7 +198,7 @@ def own_fault(error: Exception, given: Sequence[str]) -> Problem:
         where = f"The trace is in {file.name}"
     except OSError as unwritten:
         where = f"The trace could not be written ({unwritten.strerror or unwritten})"
-    if isinstance(error, MemoryError):
+    if lacks_memory(error):
         return Problem("memory", "the memory of this machine does not suffice", None, "Ask for fewer output points (a "
                        f"longer `every`), a shorter run, or fewer workers. {where}.")
     return Problem("internal", f"a fault of heavebond itself, not of your files: {type(error).__name__}: {said}", None,

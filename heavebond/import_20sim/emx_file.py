@@ -175,7 +175,7 @@ def read_emx(path: Path) -> EmxFile:
     content = _well_encoded(path.read_bytes())
     try:
         parser.Parse(content, True)
-    except (expat.ExpatError, ValueError) as error:
+    except (expat.ExpatError, ValueError, LookupError) as error:  # LookupError: an encoding that nobody knows
         if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
             refuse()
         if not handler.found.sidops:
