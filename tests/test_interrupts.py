@@ -339,7 +339,7 @@ def test_a_diagnosis_that_is_ended_shows_and_writes_its_answer(tmp_path: Path, n
             os.killpg(begun.pid, number)
             break
     said, errors = begun.communicate(timeout=300)
-    assert begun.returncode == 0, errors
+    assert begun.returncode == (0 if number == signal.SIGINT else 128 + number), errors
     at = errors.find("Traceback")
     assert at < 0, errors[max(0, at - 300):at + 3000]
     assert "Not tried to the end" not in said
@@ -364,6 +364,16 @@ def test_a_signal_while_a_diagnosis_writes_loses_nothing(folder: Path, monkeypat
     answer = CliRunner().invoke(main, ["diagnose", "damped.yaml", "--only", "value of a parameter", "--processes", "1"])
     assert answer.exit_code == 0, answer.output
     assert Path("damped_report.html").exists() and "Ctrl-C once more" in answer.stderr
+
+
+def test_a_diagnosis_that_is_terminated_early_does_not_end_as_a_complete_one(
+        folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    Path("damped.yaml").write_text(CHIRP.replace("chirp\n", "damped\n"))
+    ended_after(4, Residuals, "evaluate", monkeypatch)
+    code, told = called("diagnose", "damped.yaml", "--only", "value of a parameter", "--processes", "1")
+    assert code == 128 + signal.SIGTERM and told["partial"] and not told["ok"]
+    assert told["message"] == "interrupted" if "message" in told else told["problems"]
+    assert Path("damped_report.html").exists()
 
 
 CHIRP = """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from signal import SIGINT
 from typing import TYPE_CHECKING
 
 import click
@@ -36,12 +37,13 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     """Identify the physical effect that is missing in the model of EXPERIMENT, its place, and the confidence of the result.
 
     Writes a diagram that extends the model with the effect, the experiment on it (NAME_2.yaml) and a report
-    (NAME_report.html). Held-out records decide; where there are none, sections of the records are held out. Ctrl-C ends the
-    search with the best result so far. NAME_refits.jsonl holds what was done until the search ends: also after a crash,
+    (NAME_report.html). Held-out records decide; where there are none, sections of the records are held out. Ctrl-C and
+    SIGTERM end the search with the best result so far, which is written too (exit code 0 after Ctrl-C, 143 after SIGTERM).
+    NAME_refits.jsonl holds what was done until the search ends: also after a crash,
     --resume goes on from there.
     """
     from heavebond.commands import terminal
-    from heavebond.core.cancellation import Budget, finishing
+    from heavebond.core.cancellation import Budget, Interrupted, finishing, last_heard
     from heavebond.core.cluster import connected
     from heavebond.core.kept_lines import KeptLines
     from heavebond.core.writable import write_text
@@ -95,7 +97,10 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     elif found.verdict == "parameters":
         keep = f"keep the starts in {experiment} as said above, then " if found.started else ""
         console.print(f"next: {keep}heavebond fit {experiment} --write fitted.yaml", soft_wrap=True)
-    return {"experiment": given.name, **found.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
+    figures = {"experiment": given.name, **found.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
+    if found.partial and (number := last_heard()) != SIGINT:  # a batch system sees that the search is not complete
+        raise Interrupted(number, figures)
+    return figures
 
 
 def check_classes(experiment: Experiment, classes: tuple[str, ...]) -> None:
