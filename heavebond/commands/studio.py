@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ import click
 
 from heavebond.commands.arguments import Whole, json_option
 from heavebond.core.errors import Problem, UsageError
+from heavebond.core.writable import write_text
 
 if TYPE_CHECKING:
     from heavebond.studio.folder import Folder
@@ -27,7 +29,8 @@ def studio(target: str, port: int | None, no_browser: bool) -> dict[str, object]
     """Open a page on which the diagrams of FOLDER (the current folder where none is given) are drawn, changed and run.
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive). The page is served to this computer
-    alone, at an address that holds a secret token, until Ctrl-C.
+    alone, at an address that holds a secret token, until Ctrl-C. If the browser opens no page or an empty one (some do not
+    read temporary files), open the printed address in it.
     """
     absent = [name for name in NEEDED if importlib.util.find_spec(name) is None]
     if absent:
@@ -42,17 +45,28 @@ def studio(target: str, port: int | None, no_browser: bool) -> dict[str, object]
     def ready() -> None:
         click.echo(f"{folder.root}: {opened.address}\nCtrl-C ends the studio.")
         if not no_browser:
-            import webbrowser
-
-            webbrowser.open(opened.address)
+            open_browser(opened.address, Path(private))
 
     try:
-        serve(opened, listener, ready)
+        with tempfile.TemporaryDirectory(prefix="heavebond-", ignore_cleanup_errors=True) as private:  # for this user alone
+            serve(opened, listener, ready)
     except KeyboardInterrupt:  # the usual end
         from heavebond.core.cancellation import clear_signal
 
         clear_signal()
     return {"folder": str(folder.root), "port": opened.port}
+
+
+def open_browser(address: str, private: Path) -> None:
+    """Open an address in the browser by a file in a `private` folder, which leads there. All users of the machine see the
+    command line of a browser, and with it an address that it is started with."""
+    import webbrowser
+
+    page = private / "open.html"
+    write_text(page, f'<!doctype html><meta charset="utf-8"><meta name="referrer" content="no-referrer">'
+               f'<meta http-equiv="refresh" content="0; url={address}"><title>heavebond</title>'
+               f'<a href="{address}">Open the studio</a>\n')
+    webbrowser.open(page.as_uri())
 
 
 def _opened(target: str) -> tuple[Folder, str]:

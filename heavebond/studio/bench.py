@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from heavebond.core.errors import HeavebondError, Problem, Problems, RunWarning
+from heavebond.core.errors import HeavebondError, Problems, RunWarning
 from heavebond.core.presentation import readable_units
 from heavebond.equations.connect import connect_as_far
 from heavebond.equations.expand import expand_as_far
@@ -278,13 +278,6 @@ def _units(units: dict[str, str]) -> Entry:
 def _figures(result: Result, names: Sequence[str]) -> dict[str, Entry]:
     """min, max, rms and last value, as `heavebond run` lists them."""
     return {name: {**figures.as_dict(), "unit": result.unit(name)} for name, figures in result.figures(names).items()}
-
-
-def fault(error: Exception) -> Problem:
-    """An exception that is none of the project's own."""
-    said = (str(error).strip().splitlines() or [""])[0]
-    return Problem("internal", f"a fault of heavebond itself, not of your files: {type(error).__name__}: {said}", None,
-                   "The same command on the command line writes a file with its trace.")
 
 
 def tasks() -> dict[str, Callable[..., tuple[Entry, Array | None]]]:

@@ -76,7 +76,7 @@ async def _begin(tab: Tab, message: dict[str, Any]) -> Answer:
     given = message.get("given", {})
     if not isinstance(given, dict):
         raise TypeError(given)
-    given = {**given, "folder": str(tab.folder.root) if name.startswith(BUNDLED) else ""}
+    given = {**given, "folder": str(tab.folder.root) if name.startswith(BUNDLED) else "", "root": str(tab.folder.root)}
     return "done", {"job": tab.jobs.begin(kind, name, document.path, document.version, given).entry()}, None
 
 

@@ -6,6 +6,7 @@ import asyncio
 from typing import Any
 
 from heavebond.core.errors import Problem, UsageError
+from heavebond.core.writable import confined
 from heavebond.studio.folder import BUNDLED, EMPTY, NEW, bundled_machines
 from heavebond.studio.tab import Handler, Tab, document_entry
 from heavebond.studio.values import with_values
@@ -40,7 +41,8 @@ async def _copy(tab: Tab, message: dict[str, Any]) -> Answer:
     folder = tab.folder.path(f"{name}/{name}.yaml").parent
     if folder.parent != tab.folder.root.resolve():
         raise UsageError([Problem("name-bad", f"'{name}' cannot name a folder here")])
-    made = await asyncio.to_thread(start_folder, folder, str(message["origin"]).removeprefix(BUNDLED))
+    with confined(tab.folder.root):
+        made = await asyncio.to_thread(start_folder, folder, str(message["origin"]).removeprefix(BUNDLED))
     return "done", {"name": made.diagrams[0].relative_to(folder.parent).as_posix()}, None
 
 

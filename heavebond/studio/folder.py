@@ -2,23 +2,36 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
+import io
 import json
 import os
 import re
-from collections.abc import Mapping
+import stat
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+try:
+    import fcntl
+except ImportError:  # Windows: only tabs of one studio exclude each other
+    fcntl = None  # type: ignore[assignment]
+
 from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.limits import FILE_BYTES
-from heavebond.core.writable import new_file
+from heavebond.core.writable import DESCRIPTORS, NO_LINK, confined, new_file, open_folder
 from heavebond.language.library import bundled
-from heavebond.text.yaml_source import Scalar, read, read_text
+from heavebond.text.yaml_source import Scalar, decoded_text, read, unreadable
 
 BUNDLED = "bundled:"  # before the name of a machine that comes with heavebond
+LOCKED = 5.0  # s for which a save waits while another studio saves in the same folder
+_saving = threading.Lock()
 LISTED, DEPTH = 500, 4  # files of the folder that the first page lists, and how deep it looks for them
 KINDS = ("study", "experiment", "model", "component")  # of files; an experiment and a study name their model as well
 SUMMARY = re.compile(r"^summary:[ \t]*(?:[>|][-+]?[ \t]*\n)?(.*(?:\n[ \t]+.*)*)", re.MULTILINE)
@@ -72,14 +85,58 @@ class Folder:
             if name not in machines:
                 raise UsageError([Problem("file-missing", f"there is no bundled diagram '{name.removeprefix(BUNDLED)}'")])
             return Path(machines[name])
-        root = self.root.resolve()
-        try:
-            path = (root / name).resolve()
-        except (OSError, ValueError, RuntimeError):  # a NUL in it, links in a circle
-            raise _outside(name) from None
-        if not self._shown(path) or path.suffix not in (".yaml", ".yml"):
-            raise _outside(name)
+        path = self.inside(name, "YAML file")
+        if path.suffix not in (".yaml", ".yml"):
+            raise _outside(name, "YAML file")
         return path
+
+    def inside(self, name: str, kind: str = "file") -> Path:
+        """The resolved path of a name below the folder; UsageError for any that lies outside or is hidden. Every path that
+        the server takes from a page goes through here, and is then opened by `opened` or written within `writing`."""
+        try:
+            path = (self.root.resolve() / name).resolve()
+            os.fsencode(path)
+        except (OSError, ValueError, RuntimeError):  # a NUL or half a character in it, links in a circle
+            raise _outside(name, kind) from None
+        if not self._shown(path):
+            raise _outside(name, kind)
+        return path
+
+    @contextmanager
+    def opened(self, path: Path) -> Iterator[io.BufferedReader]:
+        """An ordinary file below the folder, or a bundled one, to read; OSError for all else. No link on the way is
+        followed, also one that was put there after the path was resolved, and no pipe is waited for."""
+        flags, root = os.O_RDONLY | NO_LINK | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0), self.root.resolve()
+        if DESCRIPTORS and not path.is_relative_to(bundled("models").resolve()):
+            folder = open_folder(path.parent, root)
+            try:
+                descriptor = os.open(path.name, flags, dir_fd=folder)
+            finally:
+                os.close(folder)
+        else:
+            descriptor = os.open(path, flags)
+        with open(descriptor, "rb") as file:
+            mode = os.fstat(descriptor).st_mode
+            if stat.S_ISDIR(mode):
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+            if not stat.S_ISREG(mode):
+                raise PermissionError(errno.EACCES, "it is no ordinary file", str(path))
+            yield file
+
+    @contextmanager
+    def writing(self, path: Path) -> Iterator[None]:
+        """What is written within it stays below the folder. Nobody else saves in the folder of `path` meanwhile: neither
+        another tab nor another studio, which a lock on that folder shows. UsageError where another one keeps the lock."""
+        with _saving, confined(self.root):
+            lock = -1
+            try:
+                if fcntl is not None and path.parent.is_dir():
+                    lock = open_folder(path.parent, self.root.resolve())
+                    _lock(lock, path)
+                yield
+            finally:
+                if lock >= 0:
+                    os.close(lock)
 
     def document(self, path: Path) -> str:
         """The name of the document in a file of the folder; empty for others."""
@@ -94,11 +151,8 @@ class Folder:
 
     def record(self, name: str, *, exists: bool = True) -> Path:
         """The file of a record in the folder; UsageError for any that lies outside, is hidden, or is not there."""
-        try:
-            path = (self.root.resolve() / name).resolve()
-        except (OSError, ValueError, RuntimeError):
-            raise _outside(name, "file") from None
-        if not self._shown(path) or (exists and not path.is_file()):
+        path = self.inside(name)
+        if exists and not path.is_file():
             raise _outside(name, "file")
         return path
 
@@ -108,15 +162,19 @@ class Folder:
             said = f"'{name[:80]}' cannot name a file: letters, digits and _, a letter first"
             raise UsageError([Problem("name-bad", said)])
         found = (PurePosixPath(beside) / f"{name}.yaml").as_posix()
-        if self.path(found).exists():
+        if os.path.lexists(self.path(found)):
             raise UsageError([Problem("file-exists", f"{found} exists already", None, "Give another name.")])
         return found
 
     def read(self, name: str) -> Document:
         """A document; ModelError where it cannot be read."""
         path = self.path(name)
-        read_text(path, name)  # says what is wrong with one that is absent, too large or no text
-        raw = path.read_bytes()
+        try:
+            with self.opened(path) as file:
+                raw = file.read(FILE_BYTES + 1)
+        except OSError as error:
+            raise unreadable(error, name) from None
+        decoded_text(raw, name)  # raises the problem of a file that is too large or not UTF-8
         return Document(name, path, _decoded(raw), version(raw), not name.startswith(BUNDLED) and os.access(path, os.W_OK))
 
     def save(self, name: str, text: str, base: str) -> Document:
@@ -128,13 +186,16 @@ class Folder:
         path = self.path(name)
         if len(data := text.encode("utf-8")) > FILE_BYTES:
             raise UsageError([Problem("file-too-large", f"the text is larger than {FILE_BYTES // 10**6} MB")])
-        before = path.read_bytes() if path.is_file() else None
-        if before is not None and version(before) != base:
-            raise UsageError([Problem("file-changed", f"{name} has been changed on disk since it was read", None,
-                                      "Compare the two, then keep one.")])
         try:
-            with new_file(path) as fresh:
-                fresh.write_bytes(_encoded(data, before or b""))
+            with self.writing(path):
+                before = None
+                with suppress(FileNotFoundError), self.opened(path) as file:
+                    before = file.read()
+                if before is not None and version(before) != base:
+                    raise UsageError([Problem("file-changed", f"{name} has been changed on disk since it was read", None,
+                                              "Compare the two, then keep one.")])
+                with new_file(path) as fresh:
+                    fresh.write_bytes(_encoded(data, before or b""))
         except OSError as error:
             raise UsageError([Problem("file-unwritable", f"{name} cannot be saved: {error.strerror or error}")]) from None
         return self.read(name)
@@ -148,8 +209,9 @@ class Folder:
 
     def write_new(self, document: str, text: str) -> None:
         """Write a document that does not exist yet; UsageError where it does."""
+        path = self.path(document)
         try:
-            with new_file(self.path(document), exclusive=True) as fresh:
+            with self.writing(path), new_file(path, exclusive=True) as fresh:
                 fresh.write_bytes(text.encode("utf-8"))
         except FileExistsError:
             raise UsageError([Problem("file-exists", f"{document} exists already", None, "Give another name.")]) from None
@@ -188,8 +250,8 @@ class Folder:
         """The `kind` (`model`, `experiment`, `study` or `component`) and the `summary` of a file as it begins, as far as can
         be told without reading all of it; nothing for another file."""
         try:
-            with open(self.path(name), encoding="utf-8", errors="replace") as file:
-                head = file.read(4000)
+            with self.opened(self.path(name)) as file:
+                head = file.read(4000).decode("utf-8", "replace").replace("\r\n", "\n")
         except (OSError, HeavebondError):
             return {}
         kind = next((kind for kind in KINDS if re.search(rf"^{kind}\s*:", head, re.MULTILINE)), "")
@@ -207,7 +269,23 @@ def version(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def _outside(name: str, kind: str = "YAML file") -> UsageError:
+def _lock(folder: int, path: Path) -> None:
+    """Lock a folder by its descriptor, until that is closed; nothing where the file system has no locks."""
+    until = time.monotonic() + LOCKED
+    while True:
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        except BlockingIOError:
+            if time.monotonic() > until:
+                raise UsageError([Problem("file-locked", f"{path.name} cannot be saved: another studio is saving in its "
+                                          "folder", None, "Save again when that has finished.")]) from None
+            time.sleep(0.02)
+        except OSError:
+            return
+
+
+def _outside(name: str, kind: str) -> UsageError:
     return UsageError([Problem("file-outside", f"'{name[:100]}' is no {kind} in the opened folder")])
 
 

@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from heavebond.core.cancellation import check, clear_signal, is_interrupt, listening
-from heavebond.core.errors import HeavebondError
+from heavebond.core.writable import confined
+from heavebond.studio.workers import reasons
 
 EVERY = 0.1  # s between two words on the progress
 Arrays = dict[str, Any]
@@ -67,7 +68,6 @@ class JobProcess:
 
     def serve(self, kind: str, path: str, given: Mapping[str, Any]) -> None:
         """Compute, then write what is asked for until the server leaves."""
-        from heavebond.studio.bench import fault
         from heavebond.studio.long_tasks import TASKS
 
         threading.Thread(target=self.listen, daemon=True).start()
@@ -78,12 +78,10 @@ class JobProcess:
                 told, arrays, write = TASKS[kind](Path(path), given, self)
             self.busy = False
             self.tell("done", told, arrays)
-        except HeavebondError as error:
-            self.tell("stopped") if is_interrupt(error) else self.tell("problems", list(error.problems))
         except KeyboardInterrupt:
             self.tell("stopped")
         except Exception as error:
-            self.tell("stopped") if is_interrupt(error) else self.tell("problems", [fault(error)])
+            self.tell("stopped") if is_interrupt(error) else self.tell("problems", reasons(error))
         self.busy = False
         clear_signal()
         self._wait(write)
@@ -97,8 +95,8 @@ class JobProcess:
                 elif what == LOST:
                     write({"lost": True})
                     return
-            except HeavebondError as error:
-                self.tell("unwritten", list(error.problems))
+            except Exception as error:
+                self.tell("unwritten", reasons(error))
             except KeyboardInterrupt:  # a stop that came as the computation ended
                 clear_signal()
 
@@ -109,6 +107,6 @@ def serve(pipe: Connection, kind: str, path: str, given: Mapping[str, Any]) -> N
         os.setsid()  # Ctrl-C is the server's
     with contextlib.suppress(OSError, AttributeError):
         os.nice(5)
-    with listening():
+    with listening(), confined(Path(str(given["root"]))):
         JobProcess(pipe).serve(kind, path, given)
 

@@ -19,6 +19,7 @@ from heavebond.studio.contents import Entry
 from heavebond.studio.job_process import QUIT, STOP, WRITE, serve
 
 KINDS = ("fit", "where", "diagnose", "try", "tune", "study")  # of computations
+RUNNING = 4  # computations at a time: each one uses all processors
 KEPT = 3  # processes of computations that are done, kept with their results until they are written
 GRACE = 2.0  # s that a process has to end when the studio does
 COUNTED = re.compile(r"\b([0-9]+) of ([0-9]+)\b")
@@ -181,6 +182,9 @@ class LongJobs:
         if any(job.name == name and job.state == "running" for job in self.jobs.values()):
             raise UsageError([Problem("job-running", f"a computation runs on {name} already", None,
                                       "Stop it, or wait until it is done.")])
+        if sum(job.state == "running" for job in self.jobs.values()) >= RUNNING:
+            raise UsageError([Problem("job-running", f"{RUNNING} computations are running, and no more do at a time", None,
+                                      "Stop one of them, or wait until it is done.")])
         if (before := self.jobs.pop((name, kind), None)) is not None:
             before.close()
         done = [key for key, job in self.jobs.items() if job.state != "running"]

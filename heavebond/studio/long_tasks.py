@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -81,7 +82,7 @@ def _experiment_on(name: str, path: Path, before: Path, diagram: Path) -> str:
 def _free_path(path: Path, *others: Path) -> Path:
     """The path, with the next number where it is taken."""
     names = (path.with_stem(f"{path.stem}_{k}") if k > 1 else path for k in itertools.count(1))
-    return next(p for p in names if not p.exists() and p not in others)
+    return next(p for p in names if not os.path.lexists(p) and p not in others)
 
 
 # -- localize ------------------------------------------------------------------------------------------------------------

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import hmac
 import secrets
+import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
+
+from starlette.requests import ClientDisconnect
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -30,7 +34,8 @@ def policy(nonce: str, port: int) -> bytes:
 
 
 class Guard:
-    """The middleware in front of everything: other hosts, other origins and other addresses get nothing."""
+    """The middleware in front of everything: other hosts, other origins and other addresses get nothing, and what fails
+    behind it is answered here, with no trace of the fault in the answer or on the terminal."""
 
     def __init__(self, app: ASGIApp, token: str, port: int):
         self.app, self.token = app, token
@@ -38,13 +43,36 @@ class Guard:
         self.origins = {b"http://" + host for host in self.hosts}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "lifespan" or self._admits(scope):
+        if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
+        elif self._admits(scope):
+            await self._answered(scope, receive, send)
         elif scope["type"] == "websocket":
             await receive()
             await send({"type": "websocket.close", "code": 1008})
         else:
-            await _refuse(send)
+            await _plain(send, 403, REFUSED)
+
+    async def _answered(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """The answer of the application; status 500, or the end of the socket, where it raises an exception."""
+        begun, socket = False, scope["type"] == "websocket"
+
+        async def noted(message: Message) -> None:
+            nonlocal begun
+            begun = True
+            await send(message)
+
+        try:
+            await self.app(scope, receive, noted)
+        except Exception as error:
+            gone = isinstance(error, ClientDisconnect)
+            if not gone:
+                print(f"the studio could not answer a request: {type(error).__name__}: {error}", file=sys.stderr)
+            with contextlib.suppress(Exception):  # the page may have gone meanwhile
+                if socket:
+                    await send({"type": "websocket.close", "code": 1011})
+                elif not begun and not gone:
+                    await _plain(send, 500, FAILED)
 
     def _admits(self, scope: Scope) -> bool:
         """Against pages of other sites: their Origin is their own, and a name of theirs that leads here (DNS rebinding) is
@@ -55,17 +83,20 @@ class Guard:
             return False
         if (origin and origin[0] not in self.origins) or (scope["type"] == "websocket" and not origin):
             return False
-        given = str(scope["path"]).split("/")[1].encode("utf-8", "replace")
-        return hmac.compare_digest(given, self.token.encode())
+        first = str(scope["path"]).split("/")[1:2]  # none for the path of `OPTIONS *` and of CONNECT
+        return bool(first) and hmac.compare_digest(first[0].encode("utf-8", "replace"), self.token.encode())
 
 
 def _values(headers: Iterable[tuple[bytes, bytes]], name: bytes) -> list[bytes]:
     return [value.lower() for key, value in headers if key.lower() == name]
 
 
-async def _refuse(send: Send) -> None:
-    text = b"This address is not that of the studio. Open the one that `heavebond studio` printed.\n"
-    start: Message = {"type": "http.response.start", "status": 403, "headers": [
+REFUSED = b"This address is not that of the studio. Open the one that `heavebond studio` printed.\n"
+FAILED = b"The studio could not answer this request.\n"
+
+
+async def _plain(send: Send, status: int, text: bytes) -> None:
+    start: Message = {"type": "http.response.start", "status": status, "headers": [
         (b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(text)).encode()),
         (b"x-content-type-options", b"nosniff")]}
     await send(start)

@@ -4,12 +4,13 @@ another file."""
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections.abc import AsyncIterator
 from pathlib import Path
 
 from heavebond.core.errors import Problem, UsageError, listing
-from heavebond.core.writable import make_folder, new_file
+from heavebond.core.writable import confined, make_folder, new_file
 from heavebond.records.measurements import SUFFIXES
 from heavebond.studio.folder import BUNDLED, Folder
 
@@ -34,16 +35,19 @@ async def store(folder: Folder, beside: str, name: str, parts: AsyncIterator[byt
     """Store a file beside the document `beside`; its name in the opened folder. A file of the same name is kept: where its
     content is the same it is used, else the new one gets a number."""
     base = folder.root if not beside or beside.startswith(BUNDLED) else folder.path(beside).parent
+    if not base.is_dir():
+        raise UsageError([Problem("file-missing", f"there is no folder '{base}'")])
     target = base.resolve() / PLACE / plain_name(name)
-    make_folder(target.parent)
     folder.record(target.relative_to(folder.root.resolve()).as_posix(), exists=False)
     for k in range(1, 1000):
         path = target if k == 1 else target.with_stem(f"{target.stem}_{k}")
-        if not path.exists():
+        if not os.path.lexists(path):  # a link that leads nowhere takes a name as well
             break
     try:
         size, digest = 0, hashlib.sha256()
-        with new_file(path, exclusive=True) as fresh:
+        with confined(folder.root):
+            make_folder(target.parent)
+        with confined(folder.root), new_file(path, exclusive=True) as fresh:
             with open(fresh, "wb") as file:
                 async for part in parts:
                     size += len(part)
@@ -52,7 +56,7 @@ async def store(folder: Folder, beside: str, name: str, parts: AsyncIterator[byt
                                                   f"{RECORD_BYTES // 10**6} MB", None, "Cut it, or thin it out.")])
                     digest.update(part)
                     file.write(part)
-            same = next((p for p in _before(target, path) if _digest(p) == digest.digest()), None)
+            same = next((p for p in _before(target, path) if _digest(folder, p) == digest.digest()), None)
             if same is not None:
                 raise _Known(same)
     except _Known as known:
@@ -77,6 +81,10 @@ def _before(target: Path, path: Path) -> list[Path]:
     return found[:found.index(path)]
 
 
-def _digest(path: Path) -> bytes:
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").digest()
+def _digest(folder: Folder, path: Path) -> bytes:
+    """The digest of a file; empty where it cannot be read, as for a link."""
+    try:
+        with folder.opened(path) as file:
+            return hashlib.file_digest(file, "sha256").digest()
+    except OSError:
+        return b""

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import uvicorn
 from starlette.applications import Starlette
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
@@ -26,6 +26,7 @@ from heavebond.studio.long_jobs import LongJobs
 from heavebond.studio.page_safety import ALONE, Guard, new_token, policy
 from heavebond.studio.record_upload import store
 from heavebond.studio.tab import Handler, Tab
+from heavebond.studio.workers import Pool, reasons
 
 # by what a page asks
 HANDLERS: dict[str, Handler] = {**file_requests.HANDLERS, **run_requests.HANDLERS, **evidence_requests.HANDLERS}
@@ -40,7 +41,7 @@ class Studio:
         self.folder, self.first, self.port, self.token = folder, first, port, new_token()
         self.page = _page_files()
         self.tabs: set[Tab] = set()
-        self.jobs = LongJobs()
+        self.jobs, self.pool = LongJobs(), Pool()
 
     @property
     def address(self) -> str:
@@ -81,18 +82,22 @@ class Studio:
             name = await store(self.folder, request.query_params.get("beside", ""), request.query_params.get("name", ""),
                                request.stream())
             told: dict[str, object] = {"file": name}
-        except HeavebondError as error:
-            told = {"problems": [{**p.as_dict(), "text": str(p)} for p in error.problems]}
+        except ClientDisconnect:
+            raise
+        except Exception as error:
+            told = {"problems": [{**p.as_dict(), "text": str(p)} for p in reasons(error)]}
         return Response(json.dumps(told), 200, self._headers(""), "application/json")
 
     async def _report(self, request: Request) -> Response:
         """A report in the opened folder, alone in its origin: its script reaches neither the studio nor the network."""
         name = request.path_params["name"]
         try:
-            path = self.folder.record(name)
-            if not name.endswith(".html") or path.stat().st_size > FILE_BYTES:
+            if not name.endswith(".html"):
                 raise UsageError([Problem("file-outside", "no report")])
-            content = await asyncio.to_thread(path.read_bytes)
+            with self.folder.opened(self.folder.record(name)) as file:
+                content = await asyncio.to_thread(file.read, FILE_BYTES + 1)
+            if len(content) > FILE_BYTES:
+                raise UsageError([Problem("file-too-large", "no report")])
         except (HeavebondError, OSError):
             return Response("There is no such report.\n", 404, self._headers(""), "text/plain")
         return Response(content, 200, {**self._headers(""), "Content-Security-Policy": ALONE}, "text/html; charset=utf-8")
@@ -107,7 +112,7 @@ class Studio:
 
     async def _socket(self, websocket: WebSocket) -> None:
         await websocket.accept()
-        tab = Tab(websocket, self.folder, self.first, HANDLERS, self.jobs)
+        tab = Tab(websocket, self.folder, self.first, HANDLERS, self.jobs, self.pool)
         self.tabs.add(tab)
         try:
             await tab.serve()

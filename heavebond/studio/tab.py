@@ -19,9 +19,13 @@ from heavebond.core.limits import FILE_BYTES
 from heavebond.studio.folder import Document, Folder
 from heavebond.studio.job import Job
 from heavebond.studio.long_jobs import LongJob, LongJobs
-from heavebond.studio.workers import Answer, Worker
+from heavebond.studio.workers import Answer, Pool, Worker, reasons
 
 WATCH = 0.4  # s between two looks at the files on disk
+# what the values of a request that no page sends lead to
+MALFORMED = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
+UNKNOWN = Problem("usage", "the page asked for something unknown")
+PENDING = 64  # requests of a page that are answered at a time; further ones are read when one of these is done
 GONE = "gone"  # the version of a document whose file was removed
 Handler = Callable[["Tab", dict[str, Any]], Awaitable[Answer]]
 
@@ -29,13 +33,14 @@ Handler = Callable[["Tab", dict[str, Any]], Awaitable[Answer]]
 class Tab:
     """One page that is open: the document in it, watched on disk, and the workers that check and run it."""
 
-    def __init__(self, websocket: WebSocket, folder: Folder, first: str, handlers: Dictionary[str, Handler], jobs: LongJobs):
+    def __init__(self, websocket: WebSocket, folder: Folder, first: str, handlers: Dictionary[str, Handler], jobs: LongJobs,
+                 pool: Pool):
         self.websocket, self.folder, self.first, self.handlers, self.jobs = websocket, folder, first, handlers, jobs
-        self.checker, self.runner, self.librarian = Worker(), Worker(), Worker()
+        self.checker, self.runner, self.librarian = Worker(pool), Worker(pool), Worker(pool)
         self.document: Document | None = None
         self.checked = ""  # the document that was checked last
         self.others: dict[str, float] = {}  # the files that the diagram reads besides its own, with their times
-        self.sending = asyncio.Lock()
+        self.sending, self.pending = asyncio.Lock(), asyncio.Semaphore(PENDING)
         self.tasks: set[asyncio.Task[None]] = set()
 
     async def serve(self) -> None:
@@ -44,10 +49,14 @@ class Tab:
         self.jobs.watchers.add(self._push_job)
         try:
             while True:
-                message = json.loads(await self.websocket.receive_text())
-                if isinstance(message, dict):
-                    self._begin(self._handle(message))
-        except (WebSocketDisconnect, ValueError, KeyError):
+                text = await self.websocket.receive_text()
+                try:
+                    message = json.loads(text)
+                except (ValueError, RecursionError):
+                    message = {}
+                await self.pending.acquire()
+                self._begin(self._handle(message if isinstance(message, dict) else {}), self.pending.release)
+        except (WebSocketDisconnect, KeyError):  # KeyError: bytes instead of a text
             return
 
     def close(self) -> None:
@@ -66,34 +75,35 @@ class Tab:
         if self.document is not None and self.document.name == job.name:
             self._begin(self.send({"push": "job", "job": job.entry()}))
 
-    def _begin(self, work: Any) -> None:
+    def _begin(self, work: Any, done: Callable[[], None] | None = None) -> None:
         task = asyncio.get_running_loop().create_task(work)
         self.tasks.add(task)
         task.add_done_callback(self.tasks.discard)
+        if done is not None:
+            task.add_done_callback(lambda _: done())
 
     async def _handle(self, message: dict[str, Any]) -> None:
-        number, values = message.get("id"), None
+        number = message.get("id") if isinstance(message.get("id"), (int, str)) else None
         try:
             kind, told, values = await self.handlers[str(message.get("do"))](self, message)
             if kind == "problems":
                 told = {"problems": [_problem(p) for p in told]}
-        except HeavebondError as error:
-            kind, told = "problems", {"problems": [_problem(p) for p in error.problems]}
-        except (KeyError, TypeError, ValueError, AttributeError):
-            kind, told = "problems", {"problems": [_problem(Problem("usage", "the page asked for something unknown"))]}
-        await self.send({"id": number, "kind": kind, **told}, values)
+            await self.send({"id": number, "kind": kind, **told}, values)
+        except Exception as error:  # a request without an answer would leave the page waiting
+            problems = [_problem(p) for p in ([UNKNOWN] if isinstance(error, MALFORMED) else reasons(error))]
+            await self.send({"id": number, "kind": "problems", "problems": problems})
 
     async def send(self, told: dict[str, Any], values: Any = None) -> None:
         """JSON as text; with an array as bytes: the length of the JSON (4 bytes), the JSON filled up with blanks to a
         multiple of 8, the numbers row by row (float64, little endian)."""
-        text = json.dumps(_finite(told), ensure_ascii=False, allow_nan=False)
+        text = json.dumps(_finite(told), allow_nan=False)  # in ASCII, as names of files may hold half characters
         async with self.sending:
             with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # the page has gone
                 if values is None:
                     await self.websocket.send_text(text)
                     return
                 told = {**told, "shape": list(values.shape)}
-                head = json.dumps(_finite(told), ensure_ascii=False, allow_nan=False).encode("utf-8")
+                head = json.dumps(_finite(told), allow_nan=False).encode("ascii")
                 head += b" " * (-(4 + len(head)) % 8)
                 await self.websocket.send_bytes(len(head).to_bytes(4, "little") + head
                                                 + np.ascontiguousarray(values, "<f8").tobytes())

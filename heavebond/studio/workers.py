@@ -6,6 +6,8 @@ import asyncio
 import multiprocessing
 import signal
 import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +16,8 @@ from heavebond.core.errors import HeavebondError, Problem
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnProcess
 
+# processes for all tabs: a tab has three, and each takes some 200 MB
+MOST = 9
 Answer = tuple[str, Any, Any]  # what kind, what is told, an array
 SUPERSEDED: Answer = ("superseded", {}, None)
 ENDED = Problem("worker-ended", "the computation ended before it was done", None,
@@ -23,20 +27,73 @@ ENDED = Problem("worker-ended", "the computation ended before it was done", None
 LOST: Answer = ("problems", [ENDED], None)
 
 
+def reasons(error: Exception) -> list[Problem]:
+    """What the page shows for an exception."""
+    if isinstance(error, HeavebondError):
+        return list(error.problems)
+    if isinstance(error, OSError):
+        return [Problem("file", f"{error.filename or 'a file'}: {error.strerror or error}")]
+    if isinstance(error, MemoryError):
+        return [Problem("memory", "the memory of this machine does not suffice", None,
+                        "Ask for fewer output points (a longer `every`) or a shorter run.")]
+    message = (str(error).strip().splitlines() or [""])[0]
+    return [Problem("internal", f"a fault of heavebond itself, not of your files: {type(error).__name__}: {message}", None,
+                    "The same command on the command line writes a file with its trace.")]
+
+
+class Pool:
+    """The processes of all tabs, `most` at a time. A worker that needs one more takes the place of the worker that has been
+    idle longest; if none is idle, it waits for one."""
+
+    def __init__(self, most: int = MOST) -> None:
+        self.most = most
+        self.workers: list[Worker] = []  # those that have a process, the one that worked last at the end
+        self._idle = asyncio.Condition()
+
+    async def admit(self, worker: Worker) -> None:
+        """Wait until `worker` may have a process."""
+        async with self._idle:
+            while worker not in self.workers and len(self.workers) >= self.most:
+                idle = next((other for other in self.workers if not other.busy), None)
+                if idle is None:
+                    await self._idle.wait()
+                else:
+                    self.workers.remove(idle)
+                    async with idle.turn:  # what it is asked meanwhile waits
+                        await asyncio.to_thread(idle.end)
+            self.used(worker)
+
+    def used(self, worker: Worker) -> None:
+        """Put a worker behind all others."""
+        self.remove(worker)
+        self.workers.append(worker)
+
+    def remove(self, worker: Worker) -> None:
+        """Forget a worker, whose process has ended."""
+        if worker in self.workers:
+            self.workers.remove(worker)
+
+    async def tell_idle(self) -> None:
+        """Let workers that wait for a process look again."""
+        async with self._idle:
+            self._idle.notify_all()
+
+
 class Worker:
     """One process that does one task after the other; it is started when it is first needed and after it was ended."""
 
-    def __init__(self) -> None:
+    def __init__(self, pool: Pool | None = None) -> None:
+        self.pool = pool or Pool()
         self._process: SpawnProcess | None = None
         self._pipe: Connection | None = None
-        self._turn = asyncio.Lock()
+        self.turn, self._asked = asyncio.Lock(), 0
         self._newest: object = None
-        self._since = 0.0
-        self.stopped = False
+        self._since = 0.0  # when it began what it does; 0 if it does nothing
+        self.stopped = self._killed = False
 
     async def ask(self, task: str, *given: Any) -> Answer:
         """The answer to a task, after those that were asked for before."""
-        async with self._turn:
+        async with self._at_work():
             return await self._do(task, given)
 
     async def ask_again(self, task: str, *given: Any) -> Answer:
@@ -48,63 +105,94 @@ class Worker:
         """The same, but a task that waits is dropped as soon as a newer one comes, and one that takes longer than `patience`
         (s) is ended for it."""
         ticket = self._newest = object()
-        if self._turn.locked() and self._since and time.monotonic() - self._since > patience:
+        if self.turn.locked() and self._since and time.monotonic() - self._since > patience:
             self.stop()
-        async with self._turn:
+        async with self._at_work():
             return SUPERSEDED if self._newest is not ticket else await self._do(task, given)
 
     async def begin(self) -> None:
         """Start the process before it is needed, as that takes a while."""
-        async with self._turn:
-            if self._process is None:
-                await asyncio.to_thread(self._start)
+        async with self._at_work():
+            await self._ready()
+
+    @property
+    def busy(self) -> bool:
+        """Whether it works on a task, or one waits for it."""
+        return self._asked > 0
+
+    @asynccontextmanager
+    async def _at_work(self) -> AsyncIterator[None]:
+        """The turn of one task; workers that wait for a process look again after it."""
+        self._asked += 1
+        try:
+            async with self.turn:
+                yield
+        finally:
+            self._asked -= 1
+            await self.pool.tell_idle()
+
+    async def _ready(self) -> None:
+        """Have a process: another one if the last one was ended."""
+        if self._process is not None and (self._killed or not self._process.is_alive()):
+            self.end()
+        await self.pool.admit(self)
+        if self._process is None:
+            await asyncio.to_thread(self._start)
 
     async def _do(self, task: str, given: tuple[Any, ...]) -> Answer:
         self.stopped, self._since = False, time.monotonic()
         try:
-            if self._process is None or not self._process.is_alive():
-                await asyncio.to_thread(self._start)
+            await self._ready()
+            if self.stopped:
+                return "stopped", {}, None
             assert self._pipe is not None
             self._pipe.send((task, given))
             answer: Answer = await asyncio.to_thread(self._pipe.recv)
             return answer
         except (EOFError, OSError):
-            self._forget()
+            self.end()
             return ("stopped", {}, None) if self.stopped else LOST
         finally:
             self._since = 0.0
+            self.pool.used(self) if self._process is not None else self.pool.remove(self)
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=work, args=(theirs,), daemon=True)
-        self._process.start()
+        process = context.Process(target=work, args=(theirs,), daemon=True)
+        process.start()
         theirs.close()
+        self._process = process
 
     def stop(self) -> None:
-        """End the process with what it does."""
-        self.stopped = True
+        """End the process with what it does; nothing if it does nothing."""
+        if not self._since:
+            return
+        self.stopped = self._killed = True
         if self._process is not None:
             self._process.kill()
 
     def close(self) -> None:
         """End the process for good."""
         self.stop()
-        self._forget()
+        self.end()
+        self.pool.remove(self)
 
-    def _forget(self) -> None:
+    def end(self) -> None:
+        """End the process; the next task has another one."""
         if self._process is not None:
             self._process.kill()
             self._process.join(5)
         if self._pipe is not None:
             self._pipe.close()
         self._process = self._pipe = None
+        self._killed = False
 
 
 def work(pipe: Connection) -> None:
     """The worker's loop, until the server is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the server's, which ends its workers
-    from heavebond.studio.bench import fault, tasks
+    from heavebond.studio.bench import tasks
 
     known = tasks()
     while True:
@@ -116,12 +204,10 @@ def work(pipe: Connection) -> None:
         try:
             told, values = known[task](*given)
             answer = ("done", told, values)
-        except HeavebondError as error:
-            answer = ("problems", list(error.problems), None)
-        except RuntimeError as error:  # the integrator of searches gives no reason
-            answer = ("failed", {}, None) if task in ("preview", "prepare") else ("problems", [fault(error)], None)
         except Exception as error:
-            answer = ("problems", [fault(error)], None)
+            # the integrator of searches gives no reason
+            failed = task in ("preview", "prepare") and isinstance(error, RuntimeError)
+            answer = ("failed", {}, None) if failed else ("problems", reasons(error), None)
         try:
             pipe.send(answer)
         except OSError:
