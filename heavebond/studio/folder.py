@@ -107,7 +107,8 @@ class Folder:
         """An ordinary file below the folder, or a bundled one, to read; OSError for all else. No link on the way is
         followed, also one that was put there after the path was resolved, and no pipe is waited for."""
         flags, root = os.O_RDONLY | NO_LINK | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0), self.root.resolve()
-        if DESCRIPTORS and not path.is_relative_to(bundled("models").resolve()):
+        machines = bundled("models")
+        if DESCRIPTORS and not (path.is_relative_to(machines) or path.is_relative_to(machines.resolve())):
             folder = open_folder(path.parent, root)
             try:
                 descriptor = os.open(path.name, flags, dir_fd=folder)

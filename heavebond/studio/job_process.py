@@ -107,6 +107,8 @@ def serve(pipe: Connection, kind: str, path: str, given: Mapping[str, Any]) -> N
         os.setsid()  # Ctrl-C is the server's
     with contextlib.suppress(OSError, AttributeError):
         os.nice(5)
-    with listening(), confined(Path(str(given["root"]))):
+    # the opened folder; without one, where the results go
+    root = Path(str(given.get("root") or given.get("folder") or Path(path).parent))
+    with listening(), confined(root):
         JobProcess(pipe).serve(kind, path, given)
 
