@@ -18,7 +18,7 @@ FILE_BYTES = 20_000_000  # of a YAML file: with the place of every entry it take
 NESTING = 60  # of the entries of a YAML file
 SYMBOL_BYTES = 100_000  # of the SVG file of a symbol; those of the library have less than 3000
 # parts with their ports, parameters and variables in a diagram whose blocks are opened; 100 000 unknowns have some 200 000
-EXPANDED = 2_000_000
+EXPANDED = 1_000_000
 OF_A_KIND = 10_000  # copies of a part in series, ports of an array, and any other integer parameter
 QUANTITY = 200  # characters of a number with its unit
 FORMULA = 50_000  # characters of a formula
