@@ -28,7 +28,7 @@ def test_nothing_lands_beside_the_package(wheel: Path) -> None:
     assert {"heavebond/web/report.css", "heavebond/web/report.js",
             "heavebond/web/animation.css", "heavebond/web/animation.js",
             "heavebond/c/fmi2.c", "heavebond/c/fmi3.c", "heavebond/c/fmu_core.c", "heavebond/c/fmu_events.c",
-            "heavebond/c/rosenbrock.c",
+            "heavebond/c/rosenbrock.c", "heavebond/c/run.c", "heavebond/c/c_run.c", "heavebond/c/limits.c",
             "heavebond/c/evaluate.c",
             "heavebond/studio/page/index.html", "heavebond/studio/page/main.js", "heavebond/studio/page/vendor/uPlot.js",
             "heavebond/studio/page/vendor/codemirror.js", "heavebond/studio/page/vendor/codemirror.LICENSE",

@@ -174,9 +174,11 @@ EXPORT fmi2Status fmi2GetEventIndicators(fmi2Component instance, double indicato
 
 EXPORT fmi2Status fmi2CompletedIntegratorStep(fmi2Component instance, fmi2Boolean no_return, fmi2Boolean *event,
                                               fmi2Boolean *terminate) {
-  (void)instance, (void)no_return;
-  *event = *terminate = 0;
-  return fmi2OK;
+  const char *wrong = limit_passed(&((Model *)instance)->now);
+  (void)no_return;
+  *event = 0;
+  *terminate = wrong != NULL;
+  return judge(instance, wrong);
 }
 
 EXPORT fmi2Status fmi2NewDiscreteStates(fmi2Component instance, EventInfo *info) {

@@ -162,9 +162,11 @@ EXPORT fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t 
 }
 
 EXPORT fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, bool no_return, bool *event, bool *terminate) {
-  (void)instance, (void)no_return;
-  *event = *terminate = false;
-  return fmi3OK;
+  const char *wrong = limit_passed(&((Model *)instance)->now);
+  (void)no_return;
+  *event = false;
+  *terminate = wrong != NULL;
+  return judge(instance, wrong);
 }
 
 /* -- derivatives ------------------------------------------------------------------------------------------------------ */

@@ -398,14 +398,14 @@ static const char *do_step(Values *now, double end, bool stop, bool *event) {
       return evaluate(now);
     }
     target = instant < end - same ? instant : end;
-    if ((wrong = advance(now, target, &crossed)) != NULL) return wrong;
+    if ((wrong = advance(now, target, &crossed)) != NULL || (wrong = limit_passed(now)) != NULL) return wrong;
     if (!crossed && now->t < target) continue;
     if ((wrong = due(now, &any, &by_condition)) != NULL) return wrong;
     if (any && stop) {
       *event = true;
       return evaluate(now);
     }
-    if (any && (wrong = happen(now, by_condition, &sets)) != NULL) return wrong;
+    if (any && ((wrong = happen(now, by_condition, &sets)) != NULL || (wrong = limit_passed(now)) != NULL)) return wrong;
   }
   return evaluate(now);
 }

@@ -37,6 +37,13 @@ def c_comment(text: str) -> str:
     return re.sub(r"(?<=\*)(?=/)|(?<=/)(?=\*)|(?<=\?)(?=\?)", " ", plain)
 
 
+def c_string(text: str) -> str:
+    """One line of the text as a string literal of C, in its UTF-8 bytes; no trigraph is in it."""
+    plain = "".join(c if c.isprintable() else " " for c in text)
+    return '"' + "".join(c if c.isascii() and c not in '"\\?' else "".join(f"\\{byte:03o}" for byte in c.encode(
+        "utf-8", "replace")) for c in plain) + '"'
+
+
 def xml_text(text: str) -> str:
     """The text without the characters that XML 1.0 does not allow, for a writer that escapes the rest."""
     return "".join(c if c in "\t\n" or (c >= " " and not "\ud800" <= c <= "\udfff" and c not in "\ufffe\uffff\x7f")

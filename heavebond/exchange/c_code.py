@@ -9,13 +9,16 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from heavebond.core.quoting import c_comment
+from heavebond.core.presentation import readable
+from heavebond.core.quoting import c_comment, c_string
 from heavebond.core.version import VERSION
 from heavebond.core.writable import write_text
 from heavebond.exchange.portable import Portable, Quantity, portable
 from heavebond.language.model import Model
 from heavebond.numerics.output_times import grid
+from heavebond.numerics.validity import physical_grace
 
+SPARE = 40  # characters of a message besides its text: the time
 LONGEST_NAME = 60  # of what all names begin with; C99 tells 63 characters apart at least
 SOURCES = Path(__file__).parents[1] / "c"
 KEYWORDS = frozenset(re.findall(
@@ -24,7 +27,7 @@ KEYWORDS = frozenset(re.findall(
 
 
 def export_c(model: Model, path: str | Path, inputs: Iterable[str] = ()) -> Portable:
-    """Write the equations of a diagram as C; every name in the file begins with that of the file."""
+    """Write the equations of a diagram as C; every external name in it begins with that of the file."""
     path = Path(path)
     prefix = c_name(path.stem)
     made = portable(model, inputs, f"{prefix}_")
@@ -39,21 +42,34 @@ def c_name(text: str) -> str:
 
 
 def c_text(made: Portable, prefix: str, *, whole: bool = False) -> str:
-    """The file; `whole` is with directional derivatives and events. Its functions must have been made with `prefix`_."""
+    """The file; `whole` is for an FMU, with directional derivatives and events but without their integrator. Its functions
+    must have been made with `prefix`_."""
     generator = ca.CodeGenerator(prefix, {"with_header": False, "casadi_int": "int"})
-    generator.add(made.equations)
-    if whole:
-        for function in (made.directions, made.jacobian, made.happenings, made.instants, made.starting.conditions):
-            generator.add(function)
-    stops = 0
-    if not whole and made.stops is not None and made.stops.size1_out(0):
+    steps, stops, parts = not whole and bool(made.events), 0, [_source("evaluate.c")]
+    functions = [made.equations]
+    if whole or steps:
+        functions += [made.directions, made.jacobian, made.happenings, made.instants, made.starting.conditions]
+    elif made.stops is not None and made.stops.size1_out(0):
         stops = made.stops.size1_out(0)
-        generator.add(made.stops)
-    evaluate = (SOURCES / "evaluate.c").read_text(encoding="utf-8")
-    return "\n".join([_head(made, prefix, stops), _used(generator.dump()), *_arrays(made, prefix),
-                      *([*_event_arrays(made, prefix), *_start_arrays(made, prefix)] if whole else []),
-                      evaluate.replace("MODEL", prefix),
-                      *([NEXT_STOP.replace("MODEL", prefix).replace("NUMBER", str(stops))] if stops else [])])
+        functions.append(made.stops)
+        parts.append(NEXT_STOP.replace("NUMBER", str(stops)))
+    if whole or steps or made.limited:
+        functions.append(made.limits)
+        parts.append(_source("limits.c"))
+    if steps:
+        parts += [_source("run.c").replace("model_", f"{prefix}_"), _source("c_run.c").replace("model_", f"{prefix}_")]
+    for function in functions:
+        generator.add(function)
+    return "\n".join([_head(made, prefix, stops, steps), "#include <stdio.h>", _used(generator.dump()), *_arrays(made, prefix),
+                      *([*_event_arrays(made, prefix), *_start_arrays(made, prefix)] if whole or steps else []),
+                      *(_limit_arrays(made, prefix) if whole or steps or made.limited else []),
+                      *(part.replace("MODEL", prefix) for part in parts)])
+
+
+def _source(name: str) -> str:
+    """A file of C, with those that it includes."""
+    text = (SOURCES / name).read_text(encoding="utf-8")
+    return re.sub(r'^#include "(\w+\.c)"$', lambda found: _source(found[1]), text, flags=re.MULTILINE)
 
 
 NEXT_STOP = """
@@ -83,7 +99,7 @@ def _used(code: str) -> str:
     return re.sub(r"^((?:static|CASADI_SYMBOL_EXPORT) [^\n;{}()]*\(([^\n()]+)\) ?\{)$", add, code, flags=re.MULTILINE)
 
 
-def _head(made: Portable, prefix: str, stops: int) -> str:
+def _head(made: Portable, prefix: str, stops: int, steps: bool) -> str:
     """The comment that says what stands where."""
     parts = [
         f"{made.name}: equations in C, written by heavebond {VERSION}", "",
@@ -96,6 +112,20 @@ def _head(made: Portable, prefix: str, stops: int) -> str:
            "gives the next instant after t at which a function of time has a kink or a short motion, or INFINITY.",
            "An integrator ends a step there and begins anew, as it may pass over the motion otherwise.", ""]
           if stops else []),
+        *([f"int {prefix}_check(double t, const double *x, const double *z, const double *p, const double *u,",
+           f"{' ' * len(prefix)}           char *message, size_t size)", "",
+           "tests the physical limits of variables, such as a volume below 0, at the end of an accepted step. It returns 0,",
+           "or another number with a message that names the variable and the time: the run has to end there.", ""]
+          if made.limited else []),
+        *([f"size_t {prefix}_size(void)",
+           f"void {prefix}_begin(void *run, double t, const double *p)",
+           f"int {prefix}_advance(void *run, double end, const double *u, double *x, double *y, char *message, size_t size)",
+           "",
+           "integrate the equations with all events. A run needs a block of memory of so many bytes, aligned for double. It",
+           f"begins at the time t with the parameters p (a null pointer: {prefix}_p_start). {prefix}_advance takes it to the",
+           "time end with constant inputs u, and gives states and outputs there; u, x, y and message may be null pointers.",
+           "It returns 0, or another number with a message where the run has to end. A copy of the block is a snapshot.", ""]
+          if steps else []),
         f"All is in SI but y. {prefix}_x_start, {prefix}_z_start, {prefix}_p_start and {prefix}_u_start hold the values",
         f"at the start, {prefix}_n_x, {prefix}_n_z, {prefix}_n_p, {prefix}_n_u and {prefix}_n_y the numbers of each."]
     for letter, title, quantities in (
@@ -122,6 +152,19 @@ def _arrays(made: Portable, prefix: str) -> list[str]:
     values["z_nominal"] = [q.nominal for q in made.algebraic]
     return [*lines, *(f"const double {prefix}_{name}[] = {{{', '.join(map(repr, numbers or [0.0]))}}};"
                       for name, numbers in values.items())]
+
+
+def _limit_arrays(made: Portable, prefix: str) -> list[str]:
+    """The messages on physical limits, and how far a variable may fall below each."""
+    sizes = made.assembly.sizes
+    texts = [c_string(f"{u.name} falls below {readable(u.plausible.least, u.unit.text)}") for u in made.limited]
+    advice = [c_string(f"{u.plausible.beyond}.") for u in made.limited]
+    graces = [physical_grace(u, sizes.get(u.name, u.nominal)) for u in made.limited]
+    longest = max((len(a) + len(b) for a, b in zip(texts, advice, strict=True)), default=0) + SPARE
+    return [f"enum {{ {prefix}_n_l = {len(texts)}, {prefix}_n_m = {longest} }};",
+            *(f"static const char *const {prefix}_l_{name}[] = {{{', '.join(found or ['0'])}}};"
+              for name, found in (("text", texts), ("advice", advice))),
+            f"static const double {prefix}_l_grace[] = {{{', '.join(map(repr, graces or [0.0]))}}};"]
 
 
 def _event_arrays(made: Portable, prefix: str) -> list[str]:

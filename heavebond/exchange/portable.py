@@ -20,6 +20,7 @@ from heavebond.core.units import Unit, declared_unit, dimension_text, read_unit,
 from heavebond.equations.events import FlatEvent, Held
 from heavebond.equations.flatten import unclocked
 from heavebond.equations.reduce import reduce
+from heavebond.equations.resolver import Unknown
 from heavebond.exchange.stop_events import stop_events
 from heavebond.language.definition import FileInput
 from heavebond.language.model import Model
@@ -33,6 +34,7 @@ from heavebond.numerics.inputs import pieced
 from heavebond.numerics.jumps import differentiated
 from heavebond.numerics.matrices import null_space, scaled
 from heavebond.numerics.newton import weights
+from heavebond.numerics.physical_limits import limited
 from heavebond.numerics.result import signal_expression
 from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquations
@@ -83,7 +85,7 @@ class Portable:
     Of the events, `happenings` is (t, x, z, p, u) -> (indicators of the conditions, new values of all resets, what the
     equations differentiate and events may not make jump, with `sizes`, accelerations of the contacts that may break
     away), and `instants` p -> (first instants, periods). `stops` is p -> the instants at which an integrator stops for
-    functions of time."""
+    functions of time; `limits` (t, x, z, p, u) -> how far the variables `limited` are above their physical limits."""
 
     assembly: Assembly
     states: tuple[Quantity, ...]
@@ -99,12 +101,18 @@ class Portable:
     instants: ca.Function
     sizes: tuple[float, ...]
     starting: StartConditions
+    limits: ca.Function
     stops: ca.Function | None = None
 
     @property
     def events(self) -> tuple[FlatEvent, ...]:
         """The events, in the order of `instants`."""
         return tuple(self.assembly.flat.events)
+
+    @property
+    def limited(self) -> tuple[Unknown, ...]:
+        """The variables with a physical limit, in the order of `limits`."""
+        return limited(self.assembly).unknowns
 
     @property
     def held(self) -> dict[int, Held]:
@@ -121,8 +129,9 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
     """The equations of a diagram, started as it says, with the signal inputs `inputs` taken out of it; the names of the
     functions begin with `prefix`.
 
-    What drives these in the diagram gives them their values at the start only. Raises UsageError for an input that is not
-    there, ModelError for a diagram with FMUs in it, or with events where `events` says that these are not provided for.
+    What drives these in the diagram gives them their values at the start only. Unless `events`, a diagram whose only events
+    are comparisons with the time has none in its equations. Raises UsageError for an input that is not there, ModelError
+    for a diagram with FMUs in it.
     """
     wanted = list(dict.fromkeys(inputs))
     assembly = assemble(model)
@@ -132,16 +141,12 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
         raise ModelError([Problem("export-fmu", f"a diagram with an FMU in it cannot be exported: {listing(parts, 3)}",
                                   assembly.flat.expanded.leaves[next(iter(parts))].place, "Leave the FMU out, and name what "
                                   "it drives as an input (`--input`).")])
-    if not events and any(event.by_clock for event in assembly.flat.events):
-        assembly = build(reduce(unclocked(assembly.flat)))
-    if assembly.flat.events and not events:
-        names = listing([event.name for event in assembly.flat.events], 3)
-        raise ModelError([Problem("export-events", f"a diagram with events cannot be exported as C: {names}",
-                                  assembly.flat.events[0].place, "Export an FMU (`-o model.fmu`): it has the events inside. "
-                                  "Or leave out the components that switch or sample.")])
+    if not events and all(event.by_clock for event in assembly.flat.events):
+        assembly = build(reduce(unclocked(assembly.flat))) if assembly.flat.events else assembly
+    events = events or bool(assembly.flat.events)
     if any(event.impulse for event in assembly.flat.events) and (turned := yielding(assembly.reduced)):
-        raise ModelError([Problem("export-impact", f"an impact may set off {listing(turned, 3)} at once, which an FMU "
-                                  "does not look for", next(e.place for e in assembly.flat.events if e.impulse),
+        raise ModelError([Problem("export-impact", f"an impact may set off {listing(turned, 3)} at once, which an "
+                                  "FMU or a C program does not look for", next(e.place for e in assembly.flat.events if e.impulse),
                                   "Leave out friction that sticks (DryFriction) and further stops, or take elastic ones "
                                   "(EndStop).")])
     assembly = assembly.with_sizes(sizes) if sizes else assembly
@@ -218,7 +223,8 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
     happenings = [assembly.express(stack(found)) for found in (
         [e.indicator for e in flat.events if e.indicator is not None],
         [reset.value for e in flat.events for reset in e.resets], [flat.levels[0][j] for j in followed],
-        [flat.levels[1][e.breakaway.speed] for e in flat.events if e.breakaway])]
+        [flat.levels[1][e.breakaway.speed] for e in flat.events if e.breakaway],
+        [flat.levels[0][flat.names[u.name]] - u.plausible.least for u in limited(assembly).unknowns])]
     right = ca.substitute([assembly.ode, outputs, assembly.alg, ca.vec(jacobian), *happenings], [pieces, rate],
                           [given if flat.inputs else pieces, ca.SX(1)])
     used = {s.element_hash() for side in right for s in ca.symvar(side)}
@@ -226,7 +232,8 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
             if order == 0 or one.element_hash() in used]
     u = stack([symbols[k][order] for k, order in kept])
     equations = ca.Function(f"{prefix}equations", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[:4]]))
-    happening = ca.Function(f"{prefix}happenings", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[4:]]))
+    happening = ca.Function(f"{prefix}happenings", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[4:8]]))
+    limits = ca.Function(f"{prefix}limits", [t, x, z, p, u], ca.cse([ca.densify(right[8])]))
     along = [ca.SX.sym("along", one.shape) for one in (t, x, z, p, u)]
     moving = [*right[:3], right[4]]
     slopes = ca.jtimes(stack(moving), stack([t, x, z, p, u]), stack(along))
@@ -246,7 +253,7 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
                     _parameters(assembly, first), tuple(not q.name.startswith(DERIVED) for q in flat.parameters),
                     tuple(_input(assembly, k, order, column) for k, order in kept),
                     tuple(_outputs(assembly, shown, outputs, first, column)), equations, directions, by_all,
-                    happening, instants, tuple(float(flat.unknowns[j].nominal) for j in followed), starting)
+                    happening, instants, tuple(float(flat.unknowns[j].nominal) for j in followed), starting, limits)
 
 
 def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: list[ca.SX], u: ca.SX, label: str

@@ -1,0 +1,27 @@
+/* -- a run for the calling program ------------------------------------------------------------------------------------- */
+size_t model_size(void) { return sizeof(Values); }
+
+void model_begin(void *run, double t, const double *p) {
+  Values *now = run;
+  begin(now);
+  now->t = t;
+  if (p) memcpy(now->p, p, sizeof(double) * model_n_p);
+}
+
+int model_advance(void *run, double end, const double *u, double *x, double *y, char *message, size_t size) {
+  Values *now = run;
+  const char *wrong = NULL;
+  bool event;
+  if (u && memcmp(now->u, u, sizeof(double) * model_n_u)) {
+    memcpy(now->u, u, sizeof(double) * model_n_u);
+    now->fresh = false;
+  }
+  if (now->starting) wrong = end_start(now);
+  if (!wrong && !(end >= now->t)) wrong = "the end of a step is before its begin";
+  if (!wrong) wrong = do_step(now, end, false, &event);
+  if (x) memcpy(x, now->x, sizeof(double) * model_n_x);
+  if (y) memcpy(y, now->y, sizeof(double) * model_n_y);
+  if (wrong == now->message && message) snprintf(message, size, "%s", wrong);
+  else if (wrong && message) snprintf(message, size, "%s (at %.9g s)", wrong, now->t);
+  return wrong != NULL;
+}
