@@ -35,6 +35,7 @@ from benchmarks.fuzz.trying import sandbox
 from heavebond.commands.arguments import with_settings
 from heavebond.core.errors import HeavebondError
 from heavebond.core.units import read_unit
+from heavebond.equations.resolver import Unknown
 from heavebond.language.library import bundled
 from heavebond.language.symbols import split, stack
 from heavebond.linear.linear_system import StateSpace, state_space
@@ -186,7 +187,8 @@ def _sources(assembly: Assembly) -> list[int] | None:
 
 
 def time_scale(machine: Machine, variant: float) -> Compared:
-    """A machine whose parameters are counted in another unit of time does the same in the time times that factor."""
+    """A machine whose parameters, nominal sizes, ranges and limits are counted in another unit of time does the same in the
+    time times that factor."""
     assembly, name = machine.assembly, "time scale"
     if assembly.flat.inputs:
         return Compared(name, "not applicable", "measured inputs")
@@ -209,17 +211,34 @@ def time_scale(machine: Machine, variant: float) -> Compared:
                     for v in (assembly.p, p))
     if np.any(np.abs(later - variant * first) > REACH * np.abs(later)):
         return Compared(name, "not applicable", "an event at a time that is a number")
+    scaled = _with_scaled_sizes(replace(assembly, p=p), {n: variant ** k for n, k in powers.items()}, factors, 1 / variant)
     before, after = (Simulator(a, times=t[:2]).run().start.x for a, t in (
-        (assembly, machine.times), (replace(assembly, p=p), variant * machine.times)))
+        (assembly, machine.times), (scaled, variant * machine.times)))
     if np.any(np.abs(after / factors[:n_x] - before) > SHARE * (np.abs(before) + REACH * assembly.x_nominal)):
         return Compared(name, "not applicable", "another start")
-    result = machine.run(replace(assembly, p=p), variant * machine.times)
+    result = machine.run(scaled, variant * machine.times)
     flat = assembly.flat
     values = {n: v / variant ** _power(flat.unknowns[flat.names[n]].unit)
               for n, v in signals(result, {n: n for n in machine.names}).items()}
     shifted = replace(result, instants=tuple(replace(i, time=i.time / variant) for i in result.instants)) \
         if result.instants else result
     return machine.same(name, values, shifted)
+
+
+def _with_scaled_sizes(assembly: Assembly, by: Mapping[str, float], columns: Array, rate: float) -> Assembly:
+    """An assembly whose unknowns have nominal sizes, ranges and limits times the factors `by` name; `columns` (n_x + n_z,) are
+    those of states and algebraic unknowns, `rate` that of 1/s."""
+    def scaled(u: Unknown) -> Unknown:
+        k, usual = by[u.name], u.plausible
+        usual = replace(usual, typical=k * usual.typical, per_second=k * rate * usual.per_second, largest=k * usual.largest,
+                        least=k * usual.least)
+        return replace(u, nominal=k * u.nominal, low=k * u.low, high=k * u.high,
+                       start=None if u.start is None else k * u.start, plausible=usual)
+
+    flat = replace(assembly.flat, unknowns=tuple(scaled(u) for u in assembly.flat.unknowns))
+    n_x = len(assembly.x_nominal)
+    return replace(assembly, reduced=replace(assembly.reduced, flat=flat), x_nominal=assembly.x_nominal * columns[:n_x],
+                   z_nominal=assembly.z_nominal * columns[n_x:], memo={})
 
 
 def _power(unit: Any) -> int:
