@@ -155,11 +155,13 @@ def _arrays(made: Portable, prefix: str) -> list[str]:
 
 
 def _limit_arrays(made: Portable, prefix: str) -> list[str]:
-    """The messages on physical limits, and how far a variable may fall below each."""
-    sizes = made.assembly.sizes
+    """The messages on physical limits, and how far a variable may fall below each, by its size at the start."""
+    at_start = made.limits(made.assembly.begin, *([q.start for q in quantities] for quantities in (
+        made.states, made.algebraic, made.parameters, made.inputs)))
+    above = np.array(at_start).ravel().tolist()
     texts = [c_string(f"{u.name} falls below {readable(u.plausible.least, u.unit.text)}") for u in made.limited]
     advice = [c_string(f"{u.plausible.beyond}.") for u in made.limited]
-    graces = [physical_grace(u, sizes.get(u.name, u.nominal)) for u in made.limited]
+    graces = [physical_grace(u, size if size > 0 else u.nominal) for u, size in zip(made.limited, above, strict=True)]
     longest = max((len(a) + len(b) for a, b in zip(texts, advice, strict=True)), default=0) + SPARE
     return [f"enum {{ {prefix}_n_l = {len(texts)}, {prefix}_n_m = {longest} }};",
             *(f"static const char *const {prefix}_l_{name}[] = {{{', '.join(found or ['0'])}}};"
