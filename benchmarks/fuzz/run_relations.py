@@ -58,6 +58,7 @@ CHANGE = 1.03  # factor of a parameter that is set in several ways
 PROBES = 3  # random points at which an invariance is tried
 MOST_POINTS = 50_000  # output points of a run
 QUANTITY = re.compile(r"-?[0-9.]+(e-?[0-9]+)? [A-Za-z].*")
+CANCELLED = 1e-3  # nominal sizes of a term, of whose rounding a difference may be
 REACH = 1e-9  # share to which equations are invariant under a change of scale
 
 BOUNDS = {"parameter-bound", "start-bound", "requirement", "number-too-large"}  # of declared ranges, which no factor leaves
@@ -105,9 +106,10 @@ Change = Callable[[float, Array, Array], tuple[float, Array, Array, Array]]
 
 
 def _invariant(assembly: Assembly, times: Array, change: Change, rates_by: Array, values_by: Array | None = None) -> bool:
-    """Whether at changed values (t, x, z, p) all rates are those times `rates_by` and all variables those times `values_by`:
-    at random points near the run. Loops that hold must hold there."""
-    rates, random = _rates(assembly), np.random.default_rng(1)
+    """Whether at changed values (t, x, z, p) all rates are those times `rates_by` and all variables those times `values_by`,
+    each counted by itself: at random points near the run. The residual of a loop is everywhere that times one factor."""
+    rates, random, loops = _rates(assembly), np.random.default_rng(1), []
+    sizes = np.array([u.nominal for u in assembly.flat.unknowns])
     u = np.zeros(assembly.arguments[4].numel())
     for _ in range(PROBES):
         t = float(times[0] + random.random() * (times[-1] - times[0]))
@@ -118,18 +120,16 @@ def _invariant(assembly: Assembly, times: Array, change: Change, rates_by: Array
         ode_2, alg_2 = (np.array(v).ravel() for v in rates(other_t, other_x, other_z, other_p, u, 1.0))
         if not (np.isfinite(ode).all() and np.isfinite(ode_2).all() and np.isfinite(alg).all() and np.isfinite(alg_2).all()):
             return False
-        pairs = [(ode * rates_by, ode_2)]
+        pairs = [(ode * rates_by, ode_2, assembly.x_nominal * np.abs(rates_by))]
         if values_by is not None:
             pairs.append((np.array(assembly.values(t, x, z, assembly.p, u, 1.0)).ravel() * values_by,
-                          np.array(assembly.values(other_t, other_x, other_z, other_p, u, 1.0)).ravel()))
-        for expected, found in pairs:
-            if np.any(np.abs(found - expected) > REACH * (np.abs(expected) + np.abs(expected).max(initial=0.0) * REACH)):
-                return False
-        # each loop may be scaled as a whole by a power of the factor
-        zero = np.abs(alg) < 1e-12 * np.abs(alg).max(initial=1.0)
-        if np.any(np.abs(alg_2[zero]) > 1e-9 * np.abs(alg_2).max(initial=1.0)):
+                          np.array(assembly.values(other_t, other_x, other_z, other_p, u, 1.0)).ravel(), sizes * values_by))
+        # differences of what is equal are no more than rounding
+        if any(np.any(np.abs(other - same) > REACH * (np.abs(same) + CANCELLED * size)) for same, other, size in pairs):
             return False
-    return True
+        with np.errstate(divide="ignore", invalid="ignore"):
+            loops.append(np.where(alg == alg_2, 1.0, alg_2 / alg))
+    return all(np.all(np.abs(k / loops[0] - 1) < np.sqrt(REACH)) for k in loops[1:])
 
 
 def amplitude(machine: Machine, variant: float) -> Compared:
@@ -235,9 +235,14 @@ def _with_scaled_sizes(assembly: Assembly, by: Mapping[str, float], columns: Arr
         return replace(u, nominal=k * u.nominal, low=k * u.low, high=k * u.high,
                        start=None if u.start is None else k * u.start, plausible=usual)
 
-    flat = replace(assembly.flat, unknowns=tuple(scaled(u) for u in assembly.flat.unknowns))
+    flat = assembly.flat
+    factor = {s.element_hash(): by[u.name] for s, u in zip(flat.levels[0], flat.unknowns, strict=True)}
+    factor |= {s.element_hash(): rate ** -_power(q.unit) for s, q in zip(split(flat.p), flat.parameters, strict=True)}
+    bounds = {s: (factor.get(s, 1.0) * low, factor.get(s, 1.0) * high) for s, (low, high) in flat.bounds.items()}
+    flat = replace(flat, unknowns=tuple(scaled(u) for u in flat.unknowns), bounds=bounds)
     n_x = len(assembly.x_nominal)
-    return replace(assembly, reduced=replace(assembly.reduced, flat=flat), x_nominal=assembly.x_nominal * columns[:n_x],
+    reduced = replace(assembly.reduced, flat=flat, system=replace(assembly.reduced.system, flat=flat))
+    return replace(assembly, reduced=reduced, x_nominal=assembly.x_nominal * columns[:n_x],
                    z_nominal=assembly.z_nominal * columns[n_x:], memo={})
 
 
