@@ -258,3 +258,25 @@ def test_a_wrong_nominal_size_is_refused_with_its_place(nominal: str, code: str)
     assert problem.code == code
     assert problem.place is not None and problem.place.line == 9
     assert problem.hint
+
+
+MICROFLUIDIC = """
+model: microfluidic
+components:
+  pump:   {is: FlowSource, u: 2e-14 m**3/s}
+  oil:    {is: Volume, V: 2e-13 m**3, beta: 1.5 GPa}
+  first:  {is: Orifice, q_r: 4e-14 m**3/s, dp_r: 10 bar}
+  second: {is: Orifice, q_r: 2e-14 m**3/s, dp_r: 10 bar}
+  tank:   {is: Tank}
+nodes: {inlet: [pump.a, oil.a, first.a], middle: [first.b, second.a], back: [second.b, tank.a]}
+simulate: {until: 1 s}
+"""
+
+
+def test_a_loop_with_tiny_gradients_is_solved() -> None:
+    """The gradient of the node's balance, 1e-15 m3/s in a nominal pressure, is no sign of a singular matrix."""
+    run = hb.simulate(hb.loads(MICROFLUIDIC))
+    assert run.assembly.algebraic_names == ["middle.p"]
+    # the rated drop, and a quarter of it at half the rated flow; the transition to laminar flow adds 2e-4
+    assert run.si["middle.p"][-1] == pytest.approx(10e5, rel=1e-3)
+    assert run.si["inlet.p"][-1] == pytest.approx(12.5e5, rel=1e-3)

@@ -31,6 +31,7 @@ SHORTEST = 1e-5
 _TURN = RLock()
 RESTS = (0.01, 0.1, 1.0, 10.0, 100.0)  # s; instants at which `at_rest` yields the state
 MOST_STEPS_TO_REST = 20_000
+SMALLEST_PIVOT = 1e-100  # of sparse QR: the residuals of loops are not scaled, and a small flow has small gradients
 LARGE = 100  # smallest number of unknowns of a system that is factorised by CSparse
 
 
@@ -182,6 +183,7 @@ def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict
         "reltol": tolerances.rtol, "abstol": tolerances.atol, "max_num_steps": MOST_STEPS, "print_time": False,
         # small models factorise fastest by sparse QR; large ones by CSparse
         "linear_solver": "csparse" if large else "qr",
+        **({} if large else {"linear_solver_options": {"eps": SMALLEST_PIVOT}}),
         "suppress_algebraic": bool(dae["z"].numel()), **(given_jacobian(dae) if large else {}),
     }
 
