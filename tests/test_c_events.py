@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_co_simulation_fmu import fmpy, get, opened
 from test_export import Compiled, call, compiled
 from test_fmu_events import BALL, SWITCHED, circuit
 from test_physical_limits import DRAINED, PULLED
 
 import heavebond as hb
 from heavebond.exchange.c_code import export_c
+from heavebond.exchange.fmu_export import export_fmu
 from heavebond.language.library import bundled
 
 pytestmark = compiled
@@ -121,6 +123,23 @@ def test_a_program_with_an_integrator_of_its_own_tests_physical_limits(tmp_path:
                                                ctypes.c_size_t(300)))
     assert found[0] == 0 and found[1] > 0
     assert message.value.decode().startswith("ram.V_A falls below 0 m**3 at 2.01 s: ") and b"EndStop" in message.value
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_fmu_ends_with_an_error_at_a_physical_limit(version: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+                                                       ) -> None:
+    """In co-simulation, and in model exchange at a completed step of the integrator."""
+    export_fmu(hb.loads(DRAINED), tmp_path / "m.fmu", version=version)
+    with opened(tmp_path / "m.fmu", version) as (made, numbers):
+        made.doStep(0.0, 99.0)
+        assert get(made, numbers["level"]) == pytest.approx(0.01, abs=1e-8)
+        with pytest.raises(fmpy.fmi1.FMICallException) as caught:
+            made.doStep(99.0, 3.0)
+        assert caught.value.status == 3  # fmi2Error, fmi3Error
+    if version == 3:
+        assert "tank.h falls below 0 m at " in capfd.readouterr().out
+    with pytest.raises(fmpy.fmi1.FMICallException, match="ompletedIntegratorStep"):
+        fmpy.simulate_fmu(str(tmp_path / "m.fmu"), fmi_type="ModelExchange", stop_time=150.0, output_interval=1.0)
 
 
 def test_the_command_writes_a_c_program_with_events(tmp_path: Path) -> None:

@@ -78,6 +78,20 @@ simulate: {until: 0.2 s, every: 4 ms}
     agree(np.interp([0.05, 0.104, 0.15], result.time, result["adc.y"]), [3.0, 3.0, -7.002])
 
 
+def test_a_sign_of_a_periodic_function_of_time_switches_exactly_and_with_its_parameters() -> None:
+    """y(2 s) = k (pi T - pi T + 2 s - 2 pi T) for k = 2/s, T = 0.3 s."""
+    run = hb.simulate(hb.loads("""\
+model: square
+parameters: {T: 0.3 s, k: 2}
+components: {part: {is: Integrator, k: 1 1/s, u: "=k*sign(sin(time/T))"}}
+simulate: {until: 2 s}
+"""), sensitivities=["T", "k"])
+    # the instants are exact, the integral of a constant too
+    assert run.si["part.y"][-1] == pytest.approx(4 - 1.2 * np.pi, abs=1e-6)
+    assert run.sensitivity("part.y", "T")[-1] == pytest.approx(-4 * np.pi, rel=1e-6)
+    assert run.sensitivity("part.y", "k")[-1] == pytest.approx(2 - 0.6 * np.pi, rel=1e-5)
+
+
 def test_floor_of_what_moves_is_refused_outside_of_events() -> None:
     text = """\
 model: stairs

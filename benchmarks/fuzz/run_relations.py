@@ -226,8 +226,9 @@ def time_scale(machine: Machine, variant: float) -> Compared:
 
 
 def _with_scaled_sizes(assembly: Assembly, by: Mapping[str, float], columns: Array, rate: float) -> Assembly:
-    """An assembly whose unknowns have nominal sizes, ranges and limits times the factors `by` name; `columns` (n_x + n_z,) are
+    """An assembly whose unknowns have nominal sizes, ranges and limits times factors `by` name; `columns` (n_x + n_z,) are
     those of states and algebraic unknowns, `rate` that of 1/s."""
+
     def scaled(u: Unknown) -> Unknown:
         k, usual = by[u.name], u.plausible
         usual = replace(usual, typical=k * usual.typical, per_second=k * rate * usual.per_second, largest=k * usual.largest,

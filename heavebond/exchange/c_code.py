@@ -60,7 +60,8 @@ def c_text(made: Portable, prefix: str, *, whole: bool = False) -> str:
         parts += [_source("run.c").replace("model_", f"{prefix}_"), _source("c_run.c").replace("model_", f"{prefix}_")]
     for function in functions:
         generator.add(function)
-    return "\n".join([_head(made, prefix, stops, steps), "#include <stdio.h>", _used(generator.dump()), *_arrays(made, prefix),
+    return "\n".join([_head(made, prefix, stops, steps), "#include <stdio.h>", _used(generator.dump()),
+                      *_arrays(made, prefix),
                       *([*_event_arrays(made, prefix), *_start_arrays(made, prefix)] if whole or steps else []),
                       *(_limit_arrays(made, prefix) if whole or steps or made.limited else []),
                       *(part.replace("MODEL", prefix) for part in parts)])
@@ -121,9 +122,10 @@ def _head(made: Portable, prefix: str, stops: int, steps: bool) -> str:
            f"void {prefix}_begin(void *run, double t, const double *p)",
            f"int {prefix}_advance(void *run, double end, const double *u, double *x, double *y, char *message, size_t size)",
            "",
-           "integrate the equations with all events. A run needs a block of memory of so many bytes, aligned for double. It",
-           f"begins at the time t with the parameters p (a null pointer: {prefix}_p_start). {prefix}_advance takes it to the",
-           "time end with constant inputs u, and gives states and outputs there; u, x, y and message may be null pointers.",
+           f"integrate the equations with all events. A run needs {prefix}_size() bytes of memory, aligned for double. It",
+           f"begins at the time t with the parameters p (a null pointer: {prefix}_p_start). {prefix}_advance integrates to",
+           "the time end with constant inputs u; x and y are states and outputs there. Null pointers may stand for u, x, y",
+           "and message.",
            "It returns 0, or another number with a message where the run has to end. A copy of the block is a snapshot.", ""]
           if steps else []),
         f"All is in SI but y. {prefix}_x_start, {prefix}_z_start, {prefix}_p_start and {prefix}_u_start hold the values",

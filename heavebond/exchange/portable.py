@@ -146,7 +146,8 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
     events = events or bool(assembly.flat.events)
     if any(event.impulse for event in assembly.flat.events) and (turned := yielding(assembly.reduced)):
         raise ModelError([Problem("export-impact", f"an impact may set off {listing(turned, 3)} at once, which an "
-                                  "FMU or a C program does not look for", next(e.place for e in assembly.flat.events if e.impulse),
+                                  "FMU or a C program does not look for",
+                                  next(e.place for e in assembly.flat.events if e.impulse),
                                   "Leave out friction that sticks (DryFriction) and further stops, or take elastic ones "
                                   "(EndStop).")])
     assembly = assembly.with_sizes(sizes) if sizes else assembly

@@ -66,6 +66,7 @@ INSTEAD = {**dict.fromkeys(("if", "iif", "ifelse", "where", "ternary"), f"Write 
            "sqr": "Write `a**2`.", "step": "Write `if_else(time > 1 s, 1, 0)`, or use the component Step.",
            "ramp": "Write `min(max(time - 1 s, 0 s)/2 s, 1)`, or use the component Ramp.",
            "mod": "Write `a - b*floor(a/b)`.", "rem": "Write `a - b*floor(a/b)`.", "ceil": "Write `-floor(-a)`.",
+           **dict.fromkeys(("trunc", "fix"), "Write `sign(a)*floor(abs(a))`."),
            "round": "Write `floor(a + 0.5)`.", "sinh": "Write `(exp(a) - exp(-a))/2`.",
            "cosh": "Write `(exp(a) + exp(-a))/2`.", **dict.fromkeys(("rand", "random"), "Write `uniform(seed, i)`."),
            **dict.fromkeys(("limit", "clip", "sat", "saturate"), "Write `min(max(a, low), high)`."),
