@@ -43,7 +43,7 @@ def description(made: Portable, identifier: str, token: str, version: int = 3) -
 def _kinds_3(root: Xml.Element, identifier: str) -> None:
     shared = {"modelIdentifier": identifier, "canGetAndSetFMUState": "true", "providesDirectionalDerivatives": "true"}
     shared["canSerializeFMUState"] = "true"
-    Xml.SubElement(root, "ModelExchange", shared)
+    Xml.SubElement(root, "ModelExchange", {**shared, "needsCompletedIntegratorStep": "true"})  # which tests physical limits
     Xml.SubElement(root, "CoSimulation", {**shared, "canHandleVariableCommunicationStepSize": "true",
                                           "hasEventMode": "true"})
 
