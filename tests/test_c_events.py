@@ -5,14 +5,17 @@ from __future__ import annotations
 import ctypes
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
-from test_co_simulation_fmu import fmpy, get, opened
-from test_export import Compiled, call, compiled
+from click.testing import CliRunner
+from test_co_simulation_fmu import get, opened
+from test_export import Compiled, compiled
 from test_fmu_events import BALL, SWITCHED, circuit
 from test_physical_limits import DRAINED, PULLED
 
 import heavebond as hb
+from heavebond.cli import main
 from heavebond.exchange.c_code import export_c
 from heavebond.exchange.fmu_export import export_fmu
 from heavebond.language.library import bundled
@@ -79,7 +82,9 @@ def test_every_example_with_events_as_a_c_program(tmp_path: Path) -> None:
 def test_inputs_parameters_and_snapshots_of_a_c_program(tmp_path: Path) -> None:
     program = Program(hb.loads(SWITCHED.replace("u: 0}", "u: -2}")), tmp_path, ("relay.u",))
     program.advance(0.4, 2.0)  # on from 0 s
-    level, taken, alarm = program.advance(0.45, 2.0)
+    held = program.advance(0.45, 2.0)
+    assert not isinstance(held, str)
+    level, taken, alarm = held
     assert level == pytest.approx(5 * (1 - np.exp(-0.45 / 0.2)), abs=1e-8)
     assert taken == pytest.approx(5 * (1 - np.exp(-0.4 / 0.2)), abs=1e-8)  # sampled every 0.1 s
     assert alarm == 1  # above 4 from 0.322 s on
@@ -144,6 +149,7 @@ def test_an_fmu_ends_with_an_error_at_a_physical_limit(version: int, tmp_path: P
 
 def test_the_command_writes_a_c_program_with_events(tmp_path: Path) -> None:
     (tmp_path / "switched.yaml").write_text(SWITCHED)
-    assert call("export", str(tmp_path / "switched.yaml"), "-o", str(tmp_path / "s.c")).exit_code == 0
+    words = ["export", str(tmp_path / "switched.yaml"), "-o", str(tmp_path / "s.c")]
+    assert CliRunner().invoke(main, words).exit_code == 0
     head = (tmp_path / "s.c").read_text().partition("*/")[0]
     assert "int s_advance(" in head and "snapshot" in head

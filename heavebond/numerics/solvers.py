@@ -161,7 +161,7 @@ def solver_options(solver: str, dae: Mapping[str, ca.SX], tolerances: Tolerances
     """What a solver is told of a DAE."""
     options = integrator_options(dae, tolerances)
     unknown = {"idas": (), "cvodes": ("suppress_algebraic",),
-               "rosenbrock": ("suppress_algebraic", "linear_solver", "cache")}[solver]
+               "rosenbrock": ("suppress_algebraic", "linear_solver", "linear_solver_options", "cache")}[solver]
     return {k: v for k, v in options.items() if k not in unknown}
 
 
