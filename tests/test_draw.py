@@ -400,7 +400,7 @@ def test_the_command_writes_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def test_the_command_says_what_is_wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    for words, said in ((["-o", "a.png"], "'a.png' does not end in .svg"), (["--open", "gas"], "there is nothing to open"),
+    for words, said in ((["-o", "a.gif"], "'a.gif' does not end in .svg"), (["--open", "gas"], "there is nothing to open"),
                         (["--highlight", "gaz"], "Did you mean 'gas'"), (["--set", "gas.k=1"], "gas")):
         run = CliRunner().invoke(main, ["draw", "passive_rig", *words])
         assert run.exit_code == 2 and said in run.output + (run.stderr if run.stderr_bytes else ""), words

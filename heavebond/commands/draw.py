@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -14,13 +15,16 @@ from heavebond.commands.arguments import (
     with_settings,
 )
 from heavebond.core.errors import Problem, UsageError
-from heavebond.core.writable import write_text
+from heavebond.core.writable import new_file
+
+SUFFIXES = (".svg", ".png", ".pdf")
+PIXELS = 2  # of a PNG picture for each unit of the drawing, which is a pixel of a screen
 
 
 @click.command(short_help="Draw a diagram with symbols, wires and names.")
 @click.argument("model")
 @click.option("-o", "--output", metavar="FILE", type=click.Path(path_type=Path),
-              help="Where to draw (.svg); without it MODEL.svg in the current folder.")
+              help="Where to draw (.svg, .png or .pdf); without it MODEL.svg in the current folder.")
 @click.option("--open", "opened", metavar="BLOCK", multiple=True,
               help="Draw a block with what is inside, e.g. --open ahc. May be repeated.")
 @click.option("--open-all", is_flag=True, help="Draw every block with what is inside.")
@@ -37,7 +41,7 @@ from heavebond.core.writable import write_text
 @json_option
 def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: bool, values: bool, marked: tuple[str, ...],
          bonds: bool, colour: str | None, at: str | None, over: str, settings: tuple[str, ...]) -> dict[str, object]:
-    """Draw the diagram MODEL as an SVG picture.
+    """Draw the diagram MODEL as an SVG, PNG or PDF picture.
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive). Parts stand where `at: [column, row]`
     puts them, the others near the parts to which they are connected. Blocks are drawn as boxes unless they are opened.
@@ -47,7 +51,8 @@ def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: boo
     from heavebond.pictures.colour_map import paint
 
     path = output or Path(f"{Path(model).stem}{'_bonds' if bonds else ''}.svg")
-    check_writable(path, (".svg",))
+    check_writable(path, SUFFIXES)
+    convert = _converter(path)
     highlight = {}
     for text in marked:
         name, _, label = text.partition("=")
@@ -61,17 +66,35 @@ def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: boo
     with blamed_on_settings(settings):
         diagram = with_settings(load(model), settings)
         if bonds:
-            return _write(path, bond_picture.draw_bond_graph(diagram))
+            return _write(path, convert(bond_picture.draw_bond_graph(diagram)))
         painted = paint(diagram, colour, at=at, over=over) if colour else None
         picture = drawing.draw(diagram, open=opened, open_all=open_all, values=values, highlight=highlight, colour=painted)
-    return _write(path, picture)
+    return _write(path, convert(picture))
 
 
-def _write(path: Path, picture: str) -> dict[str, object]:
+def _converter(path: Path) -> Callable[[str], bytes]:
+    """The function that converts an SVG picture to the format of `path`; UsageError if its library is missing."""
+    suffix = path.suffix.lower()
+    if suffix == ".svg":
+        return str.encode
+    try:
+        import cairosvg
+    except (ImportError, OSError) as error:  # OSError: the shared library of Cairo is missing
+        raise UsageError([Problem(
+            "picture-library", f"'{path}' needs the library CairoSVG, which cannot be loaded: "
+            f"{str(error).partition(chr(10))[0]}", None,
+            f"pip install 'heavebond[pictures]', or write {path.with_suffix('.svg')}.")]) from None
+    if suffix == ".pdf":
+        return lambda picture: bytes(cairosvg.svg2pdf(picture.encode()))
+    return lambda picture: bytes(cairosvg.svg2png(picture.encode(), scale=PIXELS, background_color="white"))
+
+
+def _write(path: Path, picture: bytes) -> dict[str, object]:
     from heavebond.commands import terminal
 
     try:
-        write_text(path, picture)
+        with new_file(path) as fresh:
+            fresh.write_bytes(picture)
     except OSError as error:
         raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")]) from None
     terminal.output().print(f"wrote {path}", soft_wrap=True)

@@ -346,6 +346,10 @@ def parse_quantity(text: str) -> tuple[float, Unit | None]:
 def _why_not(text: str) -> tuple[str, str, str]:
     if re.fullmatch(rf"\s*{NUMBER}\s+\S*\^\S*\s*", text):
         return "unit-power", f"the power in '{text}' is written `**`", f"Write '{text.strip().replace('^', '**')}'."
+    grouped = re.fullmatch(r"\s*([+-]?\d{1,3}(?:([' _\u2019\u00a0\u202f])\d{3})(?:\2\d{3})*(?:\.\d+)?)(\s+\S+)?\s*", text)
+    if grouped:
+        return "not-a-quantity", f"'{text}' has separators of thousands", \
+            f"Write '{grouped.group(1).replace(grouped.group(2), '')}{grouped.group(3) or ''}'."
     if _DECIMAL_COMMA.search(text):
         return "decimal-comma", f"'{text}' has a decimal comma", f"Write '{text.replace(',', '.')}'."
     glued = re.fullmatch(rf"\s*((?>{NUMBER}))([A-Za-z%°µ].*)", text)
@@ -384,7 +388,9 @@ def parse_range(text: str) -> Range:
                               "Write both in the same unit.")
         bounds = (_within(first.to_si(_number(low, text)), text), _within(last.to_si(_number(high, text)), text))
         if bounds[0] >= bounds[1]:
-            raise UnitProblem("range-empty", f"the range '{text}' is empty", "Write the smaller value first.")
+            raise UnitProblem("range-empty", f"the range '{text}' is empty", "Write the smaller value first: "
+                              f"`{' '.join(filter(None, [high, high_unit if low_unit else None]))} .. {low} "
+                              f"{low_unit or high_unit or ''}".rstrip() + "`.")
         return Range(*bounds, last)
     found = _BAND.match(text) if len(text) <= QUANTITY else None
     if not found:

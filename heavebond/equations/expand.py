@@ -296,7 +296,15 @@ class _Opener:
         others = [n for n in settable if n not in missing]
         has = (f"It needs {needs}." + f" It may have: {listing(others)}." * bool(others)) if missing else \
             f"It has: {listing(settable)}." if settable else f"{component.name} has no parameters."
-        for name in unknown:
+        single = {name.partition("[")[0]: name for name in reversed(unknown) if "[" in name}
+        single = {base: name for base, name in single.items() if base in component.parameters}
+        for base, name in single.items():
+            setting = instance.settings[name]
+            unit = component.parameters[base].unit.text
+            example = setting.text if isinstance(setting, Value) else f"1 {unit}".removesuffix(" 1")
+            self.problems.add("parameter-list", f"{base} of {component.name} is one value, not a list", setting.place,
+                              hint=f"Write `{base}: {example}`.")
+        for name in (name for name in unknown if name.partition("[")[0] not in single):
             what = next((k for k, group in groups if name in group), "")
             self.problems.add("parameter-unknown", f"{component.name} has no parameter '{name}'"
                               + (f"; that is a {what} of it" if what else ""), instance.settings[name].place,

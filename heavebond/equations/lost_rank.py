@@ -257,6 +257,9 @@ class _Matrix:
                         continue  # the rank is not lost yet, so that what is zero already is not what is going there
                     repairing.append((name, is_zero, float(np.abs(restored).max())))
         own = {q.name for q in system.flat.parameters}
+        # a value that the diagram gives is blamed before a zero that a component assumes
+        if any(name in own and not zero and not assumed(system.flat, name) for name, zero, _ in repairing):
+            repairing = [r for r in repairing if r[0] not in own or not r[1] or not assumed(system.flat, r[0])]
         # the usual sizes of variables are known, so that their effects can be compared
         most = max((effect for name, _, effect in repairing if name not in own), default=0.0)
         repairing = [r for r in repairing if r[0] in own or r[2] > 1e-3 * most]
@@ -269,6 +272,13 @@ class _Matrix:
     def _value(self, name: str) -> float:
         number = self.system.flat.levels[0][self.system.flat.names[name]].element_hash()
         return next(float(v) for s, v in zip(self.system.symbols, self.at, strict=True) if s.element_hash() == number)
+
+
+def assumed(flat: Flat, name: str) -> bool:
+    """Whether a parameter has the value that its component assumes, none being given in the diagram."""
+    owner, _, parameter = name.rpartition(".")
+    leaf = flat.expanded.leaves.get(owner)
+    return leaf is not None and leaf.parameters[parameter].place.file == leaf.component.place.file
 
 
 def _both(a: Flags, b: Flags) -> Flags:

@@ -7,7 +7,7 @@ from typing import Any
 
 from heavebond.core.errors import ModelError, Place, Problem, SimulationError, either, listing
 from heavebond.equations.flatten import EquationRole, Flat, FlatEquation
-from heavebond.equations.lost_rank import RankLoss
+from heavebond.equations.lost_rank import RankLoss, assumed
 from heavebond.equations.matching import Block, dulmage_mendelsohn, maximum_matching
 from heavebond.equations.resolver import Unknown
 from heavebond.language.definition import Domain
@@ -95,6 +95,8 @@ class _Part:
             f"They join rigidly what is held at both ends: remove one of {either(owners, 'or')},\nor put {elastic} " \
             "between them."
         place = self.unknowns[0].place if self.unknowns else self.said[0].place
+        if joined := short_circuit(self.flat, self.owners):
+            (message, advice), sharing = joined, ""
         return Problem("overdetermined", message, place, f"{sharing}\n{advice}".strip(), tuple(_table(self.said)))
 
 
@@ -176,6 +178,8 @@ class _Lost:
         places |= {e.subject: e.place for e in self.flat.equations if e.role is EquationRole.GIVEN}
         place = next((places[name] for name in self.blamed if self.loss.zero and name in places),
                      self.shown[0].place if self.shown else self.said[0].place if self.said else None)
+        if joined := short_circuit(self.flat, self.owners):
+            return Problem("rank-lost", joined[0], place, joined[1], tuple(notes))
         return Problem("rank-lost", " ".join(f"no equation determines {self._names()} {when}".split()) + cause, place,
                        self._remedy(), tuple(notes))
 
@@ -225,11 +229,20 @@ class _Lost:
         return f"{ways[0][:1].upper()}{ways[0][1:]}{''.join(f', or {way}' for way in ways[1:])}."
 
 
-def assumed(flat: Flat, name: str) -> bool:
-    """Whether a parameter has the value that its component assumes, none being given in the diagram."""
-    owner, _, parameter = name.rpartition(".")
-    leaf = flat.expanded.leaves.get(owner)
-    return leaf is not None and leaf.parameters[parameter].place.file == leaf.component.place.file
+def short_circuit(flat: Flat, owners: Iterable[str]) -> tuple[str, str] | None:
+    """Message and advice for the first of the parts, whose equations contradict, with both ports on one node."""
+    found = next(((owner, node) for owner in owners if (node := joined_ports(flat, owner))), None)
+    return found and (f"both ports of '{found[0]}' are on the same node, '{found[1]}', although '{found[0]}' prescribes what is "
+                      "between them", f"Put one port of '{found[0]}' on another node.")
+
+
+def joined_ports(flat: Flat, path: str) -> str | None:
+    """The node on which both ports are of a component that has two; None for any other component."""
+    leaf = flat.expanded.leaves.get(path)
+    if leaf is None or leaf.component.composite or len(leaf.component.ports) != 2:
+        return None
+    return next((junction.path for junction in flat.expanded.junctions.values()
+                 if sum(end.leaf == path and end.port in leaf.component.ports for end in junction.ends) == 2), None)
 
 
 def _without_rates(unknowns: Sequence[Unknown]) -> list[Unknown]:

@@ -26,7 +26,7 @@ from heavebond.core.errors import (
     listing,
     suggest,
 )
-from heavebond.core.presentation import brief, count, number, readable_time
+from heavebond.core.presentation import brief, count, in_unit, number, readable, readable_time
 from heavebond.core.reporting import place, reporting
 from heavebond.core.threads import single_threaded
 from heavebond.core.units import Unit, check_turns, counts_from_origin, interval_unit, other_unit, read_unit
@@ -34,6 +34,7 @@ from heavebond.equations.parameters import check_range
 from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.constant_bias import all_advice
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile, Output, Record, load_experiment
+from heavebond.estimation.faulty_columns import frozen_notes, prescribing_inputs, swapped_notes
 from heavebond.estimation.feedback import closed_loops
 from heavebond.estimation.input_noise import noise_notes
 from heavebond.estimation.input_smoothing import smoothing_notes
@@ -189,16 +190,33 @@ class Comparison:
 
     @property
     def advice(self) -> tuple[str, ...]:
-        """A line for each channel whose bias is equal on all records."""
+        """A line for each free parameter whose value is outside its range, and for each channel whose bias is equal on all
+        records."""
         names = [name for name in self.experiment.outputs if not any(name in r.doubtful for r in self.records.values())]
         residuals = {name: [(c.measured - c.model)[~c.outlier] for c in (r.channels[name] for r in self.records.values())]
                      for name in names}
         noise = {name: max(r.channels[name].noise for r in self.records.values()) for name in names}
-        return tuple(all_advice(self.experiment, residuals, noise))
+        first = next(iter(self.records.values())).result
+        values = dict(zip(first.assembly.parameter_names, first.start.p.tolist(), strict=True))
+        return (*outside_ranges(self.experiment, values), *all_advice(self.experiment, residuals, noise))
 
     def as_dict(self) -> dict[str, object]:
         """Errors of all records and channels as a dictionary of plain values, in the unit of each channel."""
         return {name: r.as_dict() for name, r in self.records.items()}
+
+
+def outside_ranges(experiment: Experiment, values: Mapping[str, float]) -> list[str]:
+    """A line for each free parameter whose value (SI) in the diagram is outside the range in which it may move."""
+    lines = []
+    for name, free in experiment.free.items():
+        value, unit = values.get(name), free.range.unit
+        slack = 1e-9 * (free.range.high - free.range.low)
+        if value is not None and not free.range.low - slack <= value <= free.range.high + slack:
+            shown, low, high = (in_unit(v, unit, 6) for v in (value, free.range.low, free.range.high))
+            of = "" if unit.text == "1" else f" {unit.text}"
+            lines.append(f"{name} is {shown}{of} in the diagram, outside its range {low} .. {high}{of} under `free:`: a fit "
+                         "begins inside the range. Set the value or the range right")
+    return lines
 
 
 @reporting
@@ -268,10 +286,12 @@ def compare_record(experiment: Experiment, record: Record,
     steady = result.assembly.model.initial.mode == "steady"
     states = [fitted[name] for name in _states(result.assembly, experiment) if not slips.get(name)]
     elsewhere = _elsewhere(measured, states)
-    starts = tuple(_start_note(c, measured.channels[c.name].output, steady) for c in elsewhere)
-    closed = closed_loops(experiment, record, {c.name: (c.time, c.measured, c.model) for c in fitted.values()})
+    starts = tuple(_start_note(c, measured.channels[c.name].output, steady, result) for c in elsewhere)
+    closed = closed_loops(experiment, record, {c.name: (c.time, c.measured, c.model) for c in fitted.values()},
+                          prescribing_inputs(result.assembly))
     slipped = tuple(f"{name} {said}" for name, told in slips.items() for said in told)
-    notes = (*measured.notes, *slipped, *_notes(measured, fitted, slips, held_inputs), *starts,
+    notes = (*measured.notes, *slipped, *_notes(measured, fitted, slips, held_inputs, bool(parameters) or not experiment.free), *starts,
+             *frozen_notes(experiment, record, fitted), *swapped_notes(experiment, record, result.assembly, fitted),
              *noise_notes(experiment, measured), *smoothing_notes(experiment, record, result.assembly), *closed,
              *changes_of(result, states=False))
     doubtful = frozenset(fitted) - {name for name, told in slips.items() if not told and name not in measured.declared}
@@ -298,7 +318,7 @@ def _elsewhere(measured: Measured, states: Sequence[Channel]) -> list[Channel]:
             and abs(c.measured[0] - c.model[0]) > ELSEWHERE * max(c.noise, c.step)]
 
 
-def _start_note(channel: Channel, output: Output, steady: bool) -> str:
+def _start_note(channel: Channel, output: Output, steady: bool, result: Result) -> str:
     unit, formula = "" if channel.unit == "1" else f" {channel.unit}", output.shown.text
     places = -math.floor(math.log10(max(channel.noise, channel.step)))
     first, start = (f"{number(round(float(values[0]), places), 12)}{unit}" for values in (channel.measured, channel.model))
@@ -307,12 +327,32 @@ def _start_note(channel: Channel, output: Output, steady: bool) -> str:
         return (f"{begins}, which starts in equilibrium: if the machine was at rest then too, a value of the diagram that "
                 "decides the equilibrium is wrong (a load, a preload or its sign, a supply); if it was not, begin"
                 " without `start: steady`")
-    return f"{begins}: if the machine was in another state then, write `initial: {{{quoted(formula)}: {first}}}` at this " \
-        "record"
+    if formula in result.assembly.state_names:
+        return f"{begins}: if the machine was in another state then, write `initial: {{{quoted(formula)}: {first}}}` at this " \
+            "record"
+    return f"{begins}: if the machine was in another state then, {_state_advice(channel, output, result)}"
+
+
+def _state_advice(channel: Channel, output: Output, result: Result) -> str:
+    """The initial value of one state with which the formula of an output begins as it was measured: the formula itself cannot
+    be given besides the states in it. The other states keep their values."""
+    assembly, start = result.assembly, result.start
+    unit, x = read_unit(output.shown.unit), assembly.arguments[1]
+    slopes = np.array(ca.Function("slopes", [x], [ca.jacobian(assembly.expression(output.shown.expr), x)])(start.x)).ravel()
+    states = [k for k in np.flatnonzero(slopes).tolist() if assembly.reduced.states[k][1] == 0]
+    missing = unit.scale * float(channel.measured[0] - channel.model[0])
+    if not states:
+        return "give the initial values of its states at this record"
+    k = max(states, key=lambda k: abs(slopes[k]) * float(assembly.x_nominal[k]))
+    unknown = assembly.flat.unknowns[assembly.reduced.states[k][0]]
+    value = readable(float(start.x[k]) + missing / float(slopes[k]), unknown.unit.text, 6)
+    others = [assembly.state_names[j] for j in states if j != k]
+    return f"write `initial: {{{unknown.name}: {value}}}` at this record" + (
+        f" (or another value of {listing(others, 3)})" if others else "")
 
 
 def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[str, Sequence[str]],
-           held_inputs: Sequence[str]) -> tuple[str, ...]:
+           held_inputs: Sequence[str], adjusted: bool) -> tuple[str, ...]:
     """What is noticed about a record besides what its values and `slips` tell. Of two hints that exclude each other only the
     likelier is given: a wrong unit of time explains all that is odd about channels, a wrong unit or sign of a channel its
     shift in time, an input that is held the shifts of all channels."""
@@ -321,7 +361,7 @@ def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[s
     held = _held_too_long(channels, held_inputs)
     late = [c for c in channels.values() if c.late is not None and c.late.noticeable and not held
             and not slips.get(c.name) and c.name not in measured.declared]
-    sure = {c.name: c for c in late if c.late is not None and c.late.explains(c.noise)}
+    sure = {c.name: c for c in late if c.late is not None and c.late.explains(c.noise, fitted=adjusted)}
     notes = [f"{c.name}: {count(int(c.astray.sum()), 'more sample')} far from the model where those around are not, at "
              f"{moments(c.time[c.astray])}; `heavebond fit --robust` lets such samples pull less"
              for c in channels.values() if c.astray.any()]
@@ -329,8 +369,9 @@ def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[s
     # where more is wrong, a delay is only one way to look at it
     other = ", ".join(f"{c.name} {_late_by(c)}" for c in late if c.name not in sure)
     if other:
-        notes.append(f"nearer if shifted in time: {other}; but more than a shift is wrong, and missing physics shifts "
-                     "phases too: fit first")
+        more = any(c.late is not None and not c.late.explains(c.noise) for c in late)
+        notes.append(f"nearer if shifted in time: {other}; but " + ("more than a shift is wrong, and missing physics shifts " if more
+                     else "the free parameters are not fitted yet, and their errors shift ") + "phases too: fit first")
     return (*notes, *held)
 
 

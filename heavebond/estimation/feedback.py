@@ -23,7 +23,7 @@ input): where this alone gives as much as half of what is seen, feedback is not 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,9 +58,10 @@ class Feedback:
         return f"correlation {self.correlation:.2f} with its residual {when}"
 
 
-def closed_loops(experiment: Experiment, record: Record, channels: Mapping[str, tuple[Array, Array, Array]]
-                 ) -> tuple[str, ...]:
-    """A note for each input of a record that follows from a channel; of these, times, readings and model (n,) each."""
+def closed_loops(experiment: Experiment, record: Record, channels: Mapping[str, tuple[Array, Array, Array]],
+                 prescribing: Container[str] = ()) -> tuple[str, ...]:
+    """A note for each input of a record that follows from a channel; of these, times, readings and model (n,) each. Inputs
+    `prescribing` a shared variable, such as the position of a shaker, may follow from the reaction of the machine."""
     notes = []
     for name, given in experiment.inputs_for(record).items():
         time, values = input_samples(replace(given, bridge=True))
@@ -68,10 +69,12 @@ def closed_loops(experiment: Experiment, record: Record, channels: Mapping[str, 
                  if (fed := feedback(np.interp(t, time, values), y - model, model)) is not None}
         if found:
             channel, fed = max(found.items(), key=lambda pair: abs(pair[1].correlation))
-            notes.append(
-                f"the input {name} follows from the measured {channel} ({fed.words}, both prewhitened): it was recorded in "
-                "closed loop, and a simulation with the measured input is biased by the noise and by what the model lacks; "
-                "put the controller into the diagram and drive it by the reference")
+            cause = "the machine reacts on its drive, or a controller moves it. A simulation with the measured input remains " \
+                "right, but estimates are biased by the noise and by what the model lacks: use as many sensors as there " \
+                "are, and if there is a controller, put it into the diagram" if name in prescribing else \
+                "it was recorded in closed loop, and a simulation with the measured input is biased by the noise and by " \
+                "what the model lacks; put the controller into the diagram and drive it by the reference"
+            notes.append(f"the input {name} follows from the measured {channel} ({fed.words}, both prewhitened): {cause}")
     return tuple(notes)
 
 

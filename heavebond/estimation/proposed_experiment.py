@@ -79,11 +79,12 @@ class _Target:
     driving: bool = False
 
 
-def propose(table: Table, assembly: Assembly) -> Proposal:
-    """What the columns of a record are likely to be for a diagram. DataError for a record without a column of times."""
+def propose(table: Table, assembly: Assembly, open_inputs: Sequence[str] = ()) -> Proposal:
+    """What the columns of a record are likely to be for a diagram, in which the `open_inputs` have no value of their own.
+    DataError for a record without a column of times."""
     time = _time_column(table)
     table = timed(table, time)
-    inputs, outputs, signals = _inputs(assembly), _outputs(assembly), _signals(assembly)
+    inputs, outputs, signals = _inputs(assembly, open_inputs), _outputs(assembly), _signals(assembly)
     units = {name: table.unit_of(name) for name in table.header}
     # a diagram that names no outputs may be compared by the variables of its own parts and nodes
     likely = outputs or [t for t in signals if t.name.count(".") == 1]
@@ -106,6 +107,9 @@ def propose(table: Table, assembly: Assembly) -> Proposal:
         able_inputs = listing([t.name for t in inputs], 3)
         remarks.append("no column was recognised that drives the diagram: say under `inputs:` where an input was measured "
                        f"({able_inputs})")
+    if undriven := [name for name in open_inputs if name not in [c.target for c in columns if c.role == "input"]]:
+        remarks.append(f"{listing(undriven, 3)} {'has' if len(undriven) == 1 else 'have'} no value, and no column was recognised "
+                       "as one: say under `inputs:` which column was measured there, or give a value in the diagram")
     if not any(c.role == "output" for c in columns):
         remarks.append("no column was recognised as an output: say under `outputs:` what was measured")
     return Proposal(tuple(columns), {t.name: (t.unit.text, t.doc) for t in inputs},
@@ -171,16 +175,26 @@ def _rises(values: Array) -> bool:
     return len(finite) > 1 and bool(np.all(np.diff(finite) > 0))
 
 
-def _inputs(assembly: Assembly) -> list[_Target]:
-    """Signal inputs that a record can drive; those come first that move the diagram as it stands."""
+def _inputs(assembly: Assembly, open_inputs: Sequence[str]) -> list[_Target]:
+    """Signal inputs that a record can drive; those come first that move the diagram as it stands, or have no value in it."""
     expanded, found = assembly.flat.expanded, list[_Target]()
     for leaf in expanded.leaves.values():
         nodes = [path for path, junction in expanded.junctions.items() if any(e.leaf == leaf.path for e in junction.ends)]
         for name, bound in leaf.inputs.items():
             port = leaf.component.signals[name]
             words = frozenset({*_words(leaf.path), *(w for node in nodes for w in _words(node))})
-            found.append(_Target(f"{leaf.path}.{name}", port.unit, port.doc, words, "input", bound.varies))
+            path = f"{leaf.path}.{name}"
+            found.append(_Target(path, port.unit, port.doc, words, "input", bound.varies or path in open_inputs))
     return sorted(found, key=lambda t: not t.driving)
+
+
+def _open_inputs(model: Model) -> list[str]:
+    """The inputs of the diagram's own parts that have neither a value nor a wire."""
+    joined = {end.path for wire in model.body.wires.values() for end in wire.ends}
+    return [path for part, instance in model.body.instances.items() if instance.kind in model.library.files
+            for signal in model.library.component(instance.kind).signals.values()
+            if signal.direction == "in" and signal.count is None and signal.name not in instance.settings
+            and (path := f"{part}.{signal.name}") not in joined and path not in model.settings]
 
 
 def _outputs(assembly: Assembly) -> list[_Target]:
@@ -303,9 +317,10 @@ def proposed_text(path: Path, model: Model, files: Sequence[Path]) -> tuple[str,
 
     HeavebondError where no column is a time, or none can be an output.
     """
-    assembly = assemble(model)
+    open_inputs = _open_inputs(model)
+    assembly = assemble(model.with_parameters(dict.fromkeys(open_inputs, 0.0)))
     tables = {file: read_table(file) for file in files}
-    found = propose(tables[files[0]], assembly)
+    found = propose(tables[files[0]], assembly, open_inputs)
     chosen = [Chosen(c.name, c.role, c.unit, c.target, c.interpolation or "linear") for c in found.columns if c.role]
     uses = {file: "validate" if k else "fit" for k, file in enumerate(files)}
     parts = {file: part for file, table in tables.items() if (part := _without_gaps(table, chosen)) is not None}

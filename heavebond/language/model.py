@@ -3,7 +3,7 @@ one."""
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "vary", "remove", "initial",
               "nominal", "show", "simulate", "view", "source", "notes")
 LONGEST_CHAIN = 50
+BUNDLED = "bundled:"  # before the name of a machine that comes with heavebond
 
 
 @dataclass(frozen=True)
@@ -176,6 +177,12 @@ def loaded(model: ModelOrFile) -> Model:
 def find(name: str | Path, head: str = "model", records: Container[str] = ()) -> Path:
     """The file that `name` means; UsageError with near names where there is none. Files with a suffix of `records` hold
     what was measured, for which an experiment can be proposed."""
+    if str(name).startswith(BUNDLED):
+        name = str(name).removeprefix(BUNDLED)
+        inside_models = bundled_file(name) if ".." not in Path(name).parts else None
+        if inside_models is not None and inside_models.is_relative_to(bundled("models")):
+            return inside_models
+        raise UsageError([Problem("file-missing", f"there is no bundled {head} '{name}'", None, _bundled_hint(name, head, ()))])
     path = Path(name)
     if path.is_dir() and (path.suffix or not (bundled("models") / path).is_dir()):
         files = [str(p) for p in sorted(path.glob("*.yaml"))]
@@ -187,32 +194,43 @@ def find(name: str | Path, head: str = "model", records: Container[str] = ()) ->
         inside = bundled("models") / path
         if inside.is_file():
             return inside
-    else:
-        root = bundled("models")
-        for candidate in (root / path / f"{path.name}.yaml", root / path.parent / f"{path.name}.yaml"):
-            if candidate.is_file():
-                return candidate
+    elif (inside_models := bundled_file(str(name))) is not None:
+        return inside_models
     if path.is_file():
         raise UsageError([Problem("file-suffix", f"'{name}' is no {head}: that is a YAML file", None,
                                   f"Give the {head}, whose name ends in .yaml." + (
                                       f" `heavebond new NAME.yaml --from DIAGRAM.yaml {name}` proposes one for this record."
                                       if path.suffix.lower() in records else ""))])
+    here = [p.name for p in sorted(Path.cwd().glob("*.yaml"))[:50]]
+    raise UsageError([Problem("file-missing", f"there is no {head} '{name}'", None, _bundled_hint(str(name), head, here))])
+
+
+def _bundled_hint(name: str, head: str, here: Iterable[str]) -> str:
+    """The bundled names, and those `here`, that are near to a name; without one all bundled machines."""
     known = [m.parent.name if m.stem == m.parent.name else f"{m.parent.name}/{m.stem}"
              for m in sorted(bundled("models").glob("*/*.yaml"))]
     if head == "study":
         known += [m.relative_to(bundled("models")).with_suffix("").as_posix()
                   for m in sorted(bundled("models").glob("*/studies/*.yaml"))]
-    here = [p.name for p in sorted(Path.cwd().glob("*.yaml"))[:50]]
-    hint = suggest(str(name), [*known, *here])
-    raise UsageError([Problem("file-missing", f"there is no {head} '{name}'", None,
-                              hint or "Give the path of a YAML file, or a bundled name: "
-                              + ", ".join(k for k in known if "/" not in k) + ".")])
+    return suggest(name, [*known, *here]) or "Give the path of a YAML file, or a bundled name: " \
+        + ", ".join(k for k in known if "/" not in k) + "."
+
+
+def bundled_file(name: str) -> Path | None:
+    """The file of a bundled diagram, experiment or study: `cmc_ahc`, `cmc_ahc/passive`, `cmc_ahc/passive.yaml`."""
+    root, path = bundled("models"), Path(name)
+    candidates = (root / path,) if path.suffix in (".yaml", ".yml") else \
+        (root / path / f"{path.name}.yaml", root / path.parent / f"{path.name}.yaml")
+    return next((candidate for candidate in candidates if candidate.is_file()), None)
 
 
 def beside(folder: Path, name: str) -> Path:
-    """A file that another one names: counted from that one's folder, else from the bundled machines'."""
+    """A file that another one names: counted from that one's folder, else from the bundled machines'; `bundled:NAME` is
+    always one of these."""
     path, inside = folder / name, bundled("models") / name
-    return inside if not path.exists() and inside.is_file() else path
+    if name.startswith(BUNDLED):
+        return find(name, "diagram")
+    return path if path.exists() else inside if inside.is_file() else bundled_file(name) or path
 
 
 def beside_hint(path: Path, near: list[str]) -> str:
@@ -222,12 +240,20 @@ def beside_hint(path: Path, near: list[str]) -> str:
 
 def load_beside(source: Source, node: Node, problems: Problems) -> Model:
     """The diagram that an experiment or a study names; ModelError with near names where there is none."""
-    target = beside(source.path.parent, reading.text(node, "model", problems))
+    target = _named(source, node, "model", problems)
     if not target.is_file():
         near = [p.name for p in sorted(source.path.parent.glob("*.yaml"))]
         raise ModelError([Problem("file-missing", f"there is no diagram {target.name} beside {source.name}", node.place,
                                   suggest(target.name, near) or beside_hint(source.path, near))])
     return load(target)
+
+
+def _named(source: Source, node: Node, key: str, problems: Problems) -> Path:
+    """The file that `extends:` or `model:` names; ModelError for an unknown bundled one."""
+    try:
+        return beside(source.path.parent, reading.text(node, key, problems))
+    except UsageError as error:
+        raise ModelError([replace(problem, place=node.place) for problem in error.problems]) from None
 
 
 def _load(path: Path, chain: tuple[Path, ...]) -> Model:
@@ -277,7 +303,7 @@ def _base(source: Source, chain: tuple[Path, ...]) -> Model:
     if node is None:
         folder = source.path.parent
         return Model("", "", source.path, library([folder]))
-    target = beside(source.path.parent, reading.text(node, "extends", problems))
+    target = _named(source, node, "extends", problems)
     problems.raise_as(ModelError)
     if len(chain) > LONGEST_CHAIN:
         problems.add("extends-too-long", f"more than {LONGEST_CHAIN} files extend each other", node.place,
@@ -310,7 +336,8 @@ def _joined_library(folder: Path, inherited: Library) -> Library:
 
 def _changed(base: Model, source: Source, problems: Problems) -> Model:
     root = source.root
-    body = reading.body(root, source, problems)
+    files = base.library.files
+    body = reading.body(root, source, problems, lambda kind: base.library.component(kind) if kind in files else None)
     instances, inside = {**base.body.instances, **body.instances}, {**base.body.inside, **body.inside}
     wires = _wires(base.body.wires, body.wires, extends="extends" in root.items, problems=problems)
     for word in reading.words(root.items.get("remove"), "remove", problems):

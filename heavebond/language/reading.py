@@ -5,17 +5,41 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 from heavebond.core.errors import HeavebondError, Place, Problems, listing, nearest, suggest
-from heavebond.core.units import Unit, UnitProblem, check_unit, generic_unit, parse_quantity, read_unit
-from heavebond.language.definition import Body, End, FileInput, Formula, Instance, Value, Wire
+from heavebond.core.units import (
+    AS_QUANTITY,
+    Unit,
+    UnitProblem,
+    check_unit,
+    generic_unit,
+    is_generic,
+    parse_quantity,
+    parse_range,
+    read_unit,
+)
+from heavebond.language.definition import (
+    Body,
+    Component,
+    End,
+    FileInput,
+    Formula,
+    Instance,
+    Parameter,
+    SignalPort,
+    Value,
+    Wire,
+)
 from heavebond.text.expression import KEYWORDS, Equation, Expr, ExpressionProblem, Number, constant, names, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source
 
 T = TypeVar("T", Expr, Equation)
 D = TypeVar("D")
+Declared: TypeAlias = "Callable[[], Parameter | SignalPort | None]"
+Kinds: TypeAlias = "Callable[[str], Component | None]"
 IDENTIFIER = re.compile(r"[A-Za-z_]\w*")
 CAMEL_CASE = re.compile(r"[A-Z][A-Za-z0-9]*[a-z][A-Za-z0-9]*")
 _COMMA_IN_INDEX = re.compile(r"\s*,\s*(?=[^\[\]]*\])")
@@ -141,8 +165,9 @@ def add_expression_problem(problem: ExpressionProblem, place: Place, problems: P
     problems.add(problem.code, problem.message, place.moved(problem.column, problem.length), hint=problem.hint)
 
 
-def value(node: Node, what: str, problems: Problems) -> Value | None:
-    """A quantity (`42 kN/m`), arithmetic of quantities (`2 * 460 L/min`), or a formula (`=m_cart`)."""
+def value(node: Node, what: str, problems: Problems, declared: Declared | None = None) -> Value | None:
+    """A quantity (`42 kN/m`), arithmetic of quantities (`2 * 460 L/min`), or a formula (`=m_cart`). `declared` gives the
+    declaration of the parameter, where there is one, for a message."""
     if not isinstance(node, Scalar):
         problems.add("not-a-value", f"{what} is {node.kind}; a quantity is expected", node.place,
                      hint="Write for example `42 kN/m`, or a formula that begins with `=`.")
@@ -157,7 +182,7 @@ def value(node: Node, what: str, problems: Problems) -> Value | None:
         number, unit = parse_quantity(content)
         return Value(Number(number, unit, 0), content, start)
     except UnitProblem as problem:
-        return _arithmetic(content, start, what, problem, problems)
+        return _arithmetic(content, start, what, problem, problems, declared)
 
 
 def seconds(node: Node | None, what: str, problems: Problems) -> float | None:
@@ -173,34 +198,59 @@ def seconds(node: Node | None, what: str, problems: Problems) -> float | None:
     return number
 
 
-def _arithmetic(content: str, place: Place, what: str, problem: UnitProblem, problems: Problems) -> Value | None:
+def _arithmetic(content: str, place: Place, what: str, problem: UnitProblem, problems: Problems,
+                declared: Declared | None) -> Value | None:
     """Arithmetic of quantities; where that cannot be read either, the complaint about the quantity stands."""
-    complaint = (problem.code, f"{what}: {problem.message}", problem.hint)
+    if (several := _range_of(content)) is not None:
+        problems.add("not-a-quantity", f"{what}: '{content}' is a {several}; one value is expected", place,
+                     hint=f"Write one value. A {several} belongs under `free:` of an experiment.")
+        return None
+    code, message, hint = problem.code, f"{what}: {problem.message}", problem.hint
     try:
         expr = parse_formula(content)
         used = [n.text for n in names(expr) if n.text != "pi"]
         if problem.code == "not-a-quantity" and not used:
             return Value(expr, content, place)
         if problem.code == "not-a-quantity":
-            complaint = _unmarked(content, what)
+            code, message, hint = _unmarked(content, what, declared() if declared is not None else None)
     except ExpressionProblem as other:
         if problem.code == "not-a-quantity" and any(sign in content for sign in "+*/()"):
             add_expression_problem(other, place, problems)
             return None
-    code, message, hint = complaint
+    if hint == AS_QUANTITY:
+        hint = f"{_example(what, declared() if declared is not None else None)}, or a formula that begins with `=`."
     problems.add(code, message, place, hint=hint)
     return None
 
 
-def _unmarked(content: str, what: str) -> tuple[str, str, str]:
-    """A text of names where a quantity stands: a formula without its `=`, or a word that says nothing here."""
+def _unmarked(content: str, what: str, parameter: Parameter | SignalPort | None) -> tuple[str, str, str]:
+    """A text of names in place of a quantity: a formula without its `=`, or a word without a meaning here."""
+    example = _example(what, parameter)
     if content.lower() in SWITCHES:
-        return "not-a-quantity", f"{what}: '{content}' is a word, not a number", f"Write {SWITCHES[content.lower()]}."
+        switch = parameter is None or parameter.unit.text == "1"
+        return "not-a-quantity", f"{what}: '{content}' is a word, not a number", \
+            f"Write {SWITCHES[content.lower()]}." if switch else f"{example}."
     if re.fullmatch(r"\w+", content):
         return "formula-unmarked", f"{what}: '{content}' is not a number with a unit", \
-            f"Write for example `42 kN/m`; if '{content}' is a parameter, write `={content}`."
+            f"{example}; if '{content}' is a parameter, write `={content}`."
     return "formula-unmarked", f"{what}: '{content}' is neither a quantity nor a formula", \
         f"A formula begins with `=`: `={content}`."
+
+
+def _example(what: str, parameter: Parameter | SignalPort | None) -> str:
+    """`Write for example `m: 1 kg` (mass)`, from the declaration of a parameter."""
+    if parameter is None or is_generic(parameter.unit.dimension):
+        return "Write for example `42 kN/m`"
+    unit = "" if parameter.unit.text == "1" else f" {parameter.unit.text}"
+    return f"Write for example `{what.rpartition('.')[2]}: 1{unit}`" + (f" ({parameter.doc})" if parameter.doc else "")
+
+
+def _range_of(content: str) -> str | None:
+    """`range` or `tolerance` for a text with several values, as an experiment has them; else None."""
+    try:
+        return "range" if parse_range(content).nominal is None else "tolerance"
+    except UnitProblem:
+        return None
 
 
 def file_input(node: Mapping, source: Source, problems: Problems, what: str, *, file: bool = True) -> FileInput | None:
@@ -316,8 +366,8 @@ def sizes(node: Mapping, problems: Problems) -> tuple[Expr | None, ...]:
                  for size in found if isinstance(size, Scalar))
 
 
-def body(node: Mapping, source: Source, problems: Problems) -> Body:
-    """`components:` and `nodes:` of a diagram or a block."""
+def body(node: Mapping, source: Source, problems: Problems, kinds: Kinds | None = None) -> Body:
+    """`components:` and `nodes:` of a diagram or a block; `kinds` gives a component by its name, for messages."""
     instances: dict[str, Instance] = {}
     inside: dict[str, Instance] = {}
     parts = mapping(node.items.get("components"), "components", problems,
@@ -326,20 +376,39 @@ def body(node: Mapping, source: Source, problems: Problems) -> Body:
         key = parts.keys[name] if parts else None
         if key is not None and all(identifier(replace(key, text=part), "a component", problems)
                                    for part in name.split(".")):
-            found = instance(key, entry, source, problems)
+            found = instance(key, entry, source, problems, kinds)
             if found:
                 (inside if "." in name else instances)[name] = found
     wires: dict[str, Wire] = {}
     nodes = mapping(node.items.get("nodes"), "nodes", problems, "Write one node a line: `ground: [wall.a, spring.a]`.")
     for name, entry in (nodes.items if nodes else {}).items():
         key = nodes.keys[name] if nodes else None
-        ends = tuple(End(s.text, s.place) for s in words(entry, f"node '{name}'", problems))
+        ends = tuple(End(s.text, s.place) for s in _ports(name, entry, problems))
         if key is not None and all(identifier(replace(key, text=part), "a node", problems) for part in name.split(".")):
             wires[name] = Wire(name, ends, key.place)
     return Body(instances, wires, inside)
 
 
-def instance(key: Scalar, node: Node, source: Source, problems: Problems) -> Instance | None:
+def _ports(name: str, node: Node, problems: Problems) -> list[Scalar]:
+    """The ports of a node; those of a text without brackets too, with a problem."""
+    found = words(node, f"node '{name}'", problems)
+    if not isinstance(node, Scalar) or len(ports := re.split(r"[\s,;&]+(?:-[\s,;&]+)*", node.text.strip())) < 2:
+        return found
+    problems.add("node-not-a-list", f"node '{name}' is a text; a list of ports is expected", node.place,
+                 hint=f"Write `{name}: [{', '.join(ports)}]`.")
+    return [Scalar(port, node.place) for port in ports]
+
+
+def _declared(kinds: Kinds | None, kind: str, name: str) -> Parameter | SignalPort | None:
+    """The declaration of a parameter or an input of a component; None where it has none, or cannot be read."""
+    try:
+        component = kinds(kind) if kinds is not None else None
+    except HeavebondError:
+        return None
+    return None if component is None else component.parameters.get(name) or component.signals.get(name)
+
+
+def instance(key: Scalar, node: Node, source: Source, problems: Problems, kinds: Kinds | None = None) -> Instance | None:
     """`spring: {is: Spring, c: 1.2 kN/m}`."""
     example = node.text if isinstance(node, Scalar) and IDENTIFIER.fullmatch(node.text) else "Spring"
     entry = mapping(node, f"'{key.text}'", problems, f"Write `{key.text}: {{is: {example}, ...}}`.")
@@ -368,14 +437,18 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems) -> Ins
             data = tuple((word.text, word.place) for word in words(item, "data", problems))
         elif isinstance(item, Mapping) and "values" in item.items:
             settings.update(column_values(item, name, source, problems))
+        elif isinstance(item, Mapping) and {*item.items} == {"value", "unit"}:
+            number, unit = (text(item.items[word], word, problems) for word in ("value", "unit"))
+            problems.add("not-a-quantity", f"{key.text}.{name} is a mapping; a value and its unit are one text", item.place,
+                         hint=f"Write `{name}: {number} {unit}`.")
         elif isinstance(item, Mapping):
             read = file_input(item, source, problems, f"{key.text}.{name}")
             if read:
                 settings[name] = read
         elif isinstance(item, Sequence):
             settings.update(elements(item, name, f"{key.text}.{name}", problems))
-        elif (number := value(item, f"{key.text}.{name}", problems)) is not None:
-            settings[name] = number
+        elif (read := value(item, f"{key.text}.{name}", problems, partial(_declared, kinds, kind.text, name))) is not None:
+            settings[name] = read
     return Instance(key.text, kind.text, key.place, kind.place, settings, at, repeat, data)
 
 

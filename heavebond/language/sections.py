@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
 from math import inf
 
@@ -155,7 +156,9 @@ def read_vary(node: Node | None, problems: Problems) -> dict[str, Setting]:
 
 
 def read_show(node: Node | None, problems: Problems) -> dict[str, NamedOutput]:
-    entries = reading.mapping(node, "show", problems)
+    listed = [s.text for s in node.items if isinstance(s, Scalar)] if isinstance(node, Sequence) else []
+    lines = listing((f"`{re.sub(r'[^0-9A-Za-z_]+', '_', text)}: {{is: {text}, unit: ...}}`" for text in listed), 3)
+    entries = reading.mapping(node, "show", problems, f"Write one output a line: {lines}." if listed else "")
     found = {}
     for name, item in (entries.items if entries else {}).items():
         key = entries.keys[name] if entries else None

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.cancellation import check
-from heavebond.core.errors import Problem, SimulationError
+from heavebond.core.errors import Problem, SimulationError, listing
+from heavebond.core.presentation import readable
 from heavebond.equations.resolver import Unknown
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.result import Probe, Result
@@ -93,10 +94,30 @@ def check_limits(result: Result, whole: Result | None = None) -> None:
     times = {k: crossing_time(points.time, above[k], m, 0.0) for k, m in first.items()}
     k = min(times, key=lambda k: times[k])
     u, value = of.unknowns[k], float(above[k, n] + of.limits[k])
-    violation = finding_of("physical", u, times[k], value, float(of.limits[k]), u.plausible.beyond)
+    violation = finding_of("physical", u, times[k], value, float(of.limits[k]),
+                           f"{u.plausible.beyond}{_drawing_part(points, n, u)}")
     before = int(np.searchsorted(result.time, points.time[n]))
     raise LimitPassed([Verdict((violation,)).problem], result=replace(result.first(max(before, 1)), ended=violation),
                       bracket=(float(points.time[max(n - 1, 0)]), float(points.time[n])))
+
+
+def _drawing_part(points: Result, n: int, u: Unknown) -> str:
+    """A sentence on the part that draws most from the node of `u`, at point n of a run; empty where none draws half of it."""
+    flat = points.assembly.flat
+    node = u.name.rpartition(".")[0]
+    domain, junction = flat.domains.get(node), flat.expanded.junctions.get(node)
+    if domain is None or junction is None or not domain.fills:
+        return ""
+    ends = {name: end for end in junction.ends if (name := f"{end.name}.{domain.through[0]}") in flat.names and end.sign > 0}
+    flows = dict(zip(ends, Probe(points.assembly, list(ends), si=True).values(points)[:, n].tolist(), strict=True)) if ends else {}
+    most = max(flows, key=lambda name: flows[name], default="")
+    if not most or not flows[most] > sum(max(q, 0.0) for q in flows.values()) / 2:
+        return ""
+    part, unit = ends[most].leaf, flat.unknowns[flat.names[most]].unit.text
+    drives = listing(dict.fromkeys(end.leaf for path, other in flat.expanded.junctions.items() if flat.domains.get(path) != domain
+                                   and any(e.leaf == part for e in other.ends) for end in other.ends if end.leaf != part), 3)
+    return f". {part} draws {readable(flows[most], unit)} from node '{node}' at that time: if it should deliver there, exchange " \
+        f"its ports{f' or reverse its drive ({drives})' if drives else ''}"
 
 
 def _above(of: Limited, points: Result) -> Array:

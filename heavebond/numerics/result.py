@@ -17,6 +17,7 @@ from heavebond.core.errors import Problem, UsageError, listing, suggest
 from heavebond.core.presentation import brief, count, number
 from heavebond.core.units import dimension_text, read_unit
 from heavebond.equations.buffered import Buffered
+from heavebond.equations.structural_messages import joined_ports
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.extremes import SignalFigures, signal_figures
@@ -103,7 +104,7 @@ class Result:
     def verdict(self) -> Verdict:
         """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
-        findings = [*self._true_at_start(), *self._placeholders(), *self._unfit(), *self._unstable_start(),
+        findings = [*self._true_at_start(), *self._placeholders(), *self._joined(), *self._unfit(), *self._unstable_start(),
                     *self._time_formulas(), *([self.ended] if self.ended else [])]
         return judged(list(_stretches(self)), findings, dense)
 
@@ -162,6 +163,13 @@ class Result:
         return [Finding("placeholder", path, path, float(self.time[0]), 0.0, None, "",
                         f"{leaf.component.placeholder.partition(';')[0]}. Write its law, or take it out")
                 for path, leaf in leaves.items() if leaf.component.placeholder]
+
+    def _joined(self) -> list[Finding]:
+        """Parts with two ports of which both are on one node."""
+        flat, time = self.assembly.flat, float(self.time[0])
+        joined = {path: node for path in flat.expanded.leaves if (node := joined_ports(flat, path)) is not None}
+        return [Finding("joined", path, node, time, 0.0, None, "", "it does nothing there. Put one port on another node, or "
+                        "remove the part") for path, node in joined.items()]
 
     def _unfit(self) -> list[Finding]:
         """Unknowns that stay far below the sizes of their absolute tolerances, with which the run could not be repeated."""

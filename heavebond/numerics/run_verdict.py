@@ -70,6 +70,8 @@ class Finding:
                 "passed over"
         if self.kind == "placeholder":
             return f"{self.name} has no law: it is a placeholder"
+        if self.kind == "joined":
+            return f"{self.name} has both ports on the same node, '{self.part}'"
         if self.kind == "front":
             travel = readable(self.limit or 0.0, "s")
             return f"{self.name} passes a front of {value} at {t}, and a wave takes {travel} through each of its segments"
@@ -88,7 +90,7 @@ class Finding:
 # whether a run with such a finding is worthless
 KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False,
          "growth": False, "scale": False, "undetermined": False, "true-at-start": False, "unstable-start": False,
-         "placeholder": False, "front": False, "time-formula": False}
+         "placeholder": False, "joined": False, "front": False, "time-formula": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 

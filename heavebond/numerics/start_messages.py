@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -82,9 +81,10 @@ def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> 
     """What to type where something has no value: which zero, had it another value, would give it one; and its place."""
     flat = assembly.flat
     states = [k for k, (_, order) in enumerate(assembly.reduced.states) if order == 0 and point.x[k] == 0]
-    # a default of 0 of the library is right wherever it stands
-    numbers = [k for k, (name, q) in enumerate(zip(assembly.parameter_names, flat.parameters, strict=True))
-               if point.p[k] == 0 and "." in name and not is_bundled(Path(q.place.file))]
+    # a default of 0 of the library is right everywhere
+    leaves = flat.expanded.leaves
+    numbers = [k for k, name in enumerate(assembly.parameter_names) if point.p[k] == 0 and "." in name and not (
+        structural_messages.assumed(flat, name) and is_bundled(leaves[name.rpartition(".")[0]].component.path))]
     cured = [k for k in numbers if finite(replace(point, p=_moved(point.p, k, 1.0)))]
     if cured:
         names = listing((assembly.parameter_names[k] for k in cured), MOST_NAMED)

@@ -155,7 +155,8 @@ def _check_covered(signal: Pieces, start: float, end: float, name: str) -> None:
     bounds, say = [], []
     if start < first - slack:
         bounds.append(f"the record begins at {first:.10g} s")
-        say.append(f"begin at {first:.10g} s (`from: {first:.10g} s`)")
+        until = f", until: {first + end - start:.10g} s" if first + end - start <= last + slack else ""
+        say.append(f"begin at {first:.10g} s (`simulate: {{from: {first:.10g} s{until}}}`)")
     if end > last + slack:
         bounds.append(f"the record ends at {last:.10g} s")
         say.append(f"say `until: {last:.10g} s`")

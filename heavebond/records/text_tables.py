@@ -272,6 +272,10 @@ def _full_rows(sheet: _Sheet, rows: Cells, problems: Problems) -> Cells:
                      f"to have decimal commas ('{cells[0]},{cells[1]}')", sheet.place(line, 0),
                      hint="Export the table with semicolons between the columns, or with decimal points.")
         return []
+    if ragged and sheet.separator == "," and all(len(cells) > width for _, cells in ragged) and all(
+            cell.lstrip("+-").isdigit() for _, cells in ragged[:SHOWN] for cell in cells):
+        hint = "If the numbers have decimal commas, export the table with semicolons between the columns, or with decimal " \
+            f"points. {hint}"
     found = [(f"this row has {len(cells)} cell{'s' * (len(cells) > 1)}, the row of names has {width}",
               sheet.place(line, min(width, len(cells)))) for line, cells in ragged[:SHOWN]]
     add_few(problems, "record-ragged", found, len(ragged), "rows", hint)

@@ -39,9 +39,10 @@ class TimeDelay:
         """Beyond chance, longer than a tenth of a sample interval, and not without effect."""
         return abs(self.seconds) > max(SURE * self.deviation, WORTH * self.interval) and self.share > EXPLAINS
 
-    def explains(self, noise: float) -> bool:
-        """Whether a delay is nearly all that is wrong: what it leaves is near the noise, or a twentieth of the squares."""
-        return self.noticeable and (self.rest < 1.5 * noise or self.rest**2 < 0.05 * self.before**2)
+    def explains(self, noise: float, *, fitted: bool = True) -> bool:
+        """Whether a delay is nearly all that is wrong: what it leaves is near the noise, or a twentieth of the squares. Before
+        the parameters are `fitted`, whose errors shift phases too, a residual near the noise shows nothing."""
+        return self.noticeable and ((fitted and self.rest < 1.5 * noise) or self.rest**2 < 0.05 * self.before**2)
 
 
 def lateness(time: Array, measured: Array, grid: Array, model: Array) -> TimeDelay | None:

@@ -72,9 +72,19 @@ def comparison_items(comparison: Comparison) -> list[Item]:
 
 
 def noticed(comparison: Comparison) -> list[Notes]:
-    """The notes on all records; none where there are none."""
-    rows = [(name if k == 0 else "", note) for name, record in comparison.records.items()
-            for k, note in enumerate(record.notes)]
+    """The notes on all records, that on feedback to an input once for all; none where there are none."""
+    fed: dict[str, list[str]] = {}
+    for name, record in comparison.records.items():
+        for note in record.feedback:
+            fed.setdefault(note.partition(" (")[0], []).append(name)
+    rows: list[tuple[str, str]] = []
+    for name, record in comparison.records.items():
+        notes = []
+        for note in record.notes:
+            records = fed.get(note.partition(" (")[0], []) if note in record.feedback else [name]
+            others = f" (the same in {listing(records[1:], 3)})" if len(records) > 1 else ""
+            notes += [note + others] if records[0] == name else []
+        rows += [(name if k == 0 else "", note) for k, note in enumerate(notes)]
     return [Notes(rows)] if rows else []
 
 

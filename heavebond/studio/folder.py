@@ -26,10 +26,11 @@ except ImportError:  # Windows: only tabs of one studio exclude each other
 from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.limits import FILE_BYTES
 from heavebond.core.writable import DESCRIPTORS, NO_LINK, confined, new_file, open_folder
+from heavebond.language import model
 from heavebond.language.library import bundled
 from heavebond.text.yaml_source import Scalar, decoded_text, read, unreadable
 
-BUNDLED = "bundled:"  # before the name of a machine that comes with heavebond
+BUNDLED = model.BUNDLED
 LOCKED = 5.0  # s for which a save waits while another studio saves in the same folder
 _saving = threading.Lock()
 LISTED, DEPTH = 500, 4  # files of the folder that the first page lists, and how deep it looks for them

@@ -316,6 +316,10 @@ class _Builder:
             self.problems.add("not-yaml", "a text that holds a bracket must stand in quotes here", where,
                               hint=f'Write "{bracketed}".')
             return
+        if "block mapping" in said and "found '-'" in said and (entry := where.text.strip().removeprefix("-").strip()):
+            self.problems.add("not-yaml", "this line begins with a hyphen, the entries above do not", where,
+                              hint=f"Remove the hyphen: `{entry}`. Only the entries of a list begin with one.")
+            return
         for words, message, hint, opened in SYNTAX:
             if words in said:
                 place = self.place(error.context_mark) if opened and error.context_mark else where
