@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
@@ -183,9 +183,10 @@ class Flat:
         return {s for s, k in self.places.items() if k not in held}
 
 
-def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Flat:
+def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0, corners: Mapping[int, int] | None = None) -> Flat:
     """The flat model; `also` names signals that a caller wants beside those that the diagram names itself, `widths` is a
-    factor on the widths of all transitions."""
+    factor on the widths of all transitions. Equations by their numbers in `corners` are differentiated so often: their
+    corners in time become events."""
     expanded = with_media(expand(model))
     expanded = expanded if widths == 1 else narrowed(expanded, widths)
     order = formula_order(expanded)
@@ -194,7 +195,8 @@ def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Flat
     claimed = claim_names(expanded, network, problems)
     problems.raise_as(ModelError)
     with calling(model.library.functions):  # names of outputs and of conditions are formulas
-        flat = _Builder(expanded, network, make_parameters(expanded, network, order), claimed).build(tuple(also))
+        made = _Builder(expanded, network, make_parameters(expanded, network, order), claimed, corners or {})
+        flat = made.build(tuple(also))
     return replace(flat, options=(tuple(also), widths))
 
 
@@ -206,6 +208,10 @@ def unclocked(flat: Flat) -> Flat:
         return flat
     symbols = stack(flat.constants[name] for name in own)
     passed = stack(e.first <= flat.time if e.indicator is None else e.indicator > 0 for e in own.values())
+    for _ in own:  # the instant of one may follow from whether others have passed
+        if not ca.depends_on(passed, symbols):
+            break
+        passed = ca.substitute(passed, symbols, passed)
     gone, last = {name for clock in own for name in (clock, f"initial.{clock}")}, -len(own)  # they were put in as the last
     return replace(flat, parameters=flat.parameters[:last], p=flat.p[:last], held=flat.held[:last], options=None,
                    residual_column=ca.substitute(flat.residual_column, symbols, passed),
@@ -215,8 +221,9 @@ def unclocked(flat: Flat) -> Flat:
 
 
 class _Builder:
-    def __init__(self, expanded: Expanded, network: Network, parameters: Parameters, claimed: Names):
-        self.claimed = claimed
+    def __init__(self, expanded: Expanded, network: Network, parameters: Parameters, claimed: Names,
+                 corners: Mapping[int, int]):
+        self.claimed, self.corners = claimed, corners
         self.expanded, self.network, self.parameters = expanded, network, parameters
         self.domains = expanded.model.library.domains
         self.problems = claimed.problems
@@ -285,7 +292,7 @@ class _Builder:
         self.residuals = ca.densify(ca.vertcat(*self.pieces)[self.order]) if self.order else ca.SX(0, 1)
         check_steps(self.residuals, told, self.parameters.p, self.problems)
         self.problems.raise_as(ModelError)
-        found = timed(self.residuals, told, self.time, self.parameters, self.held)
+        found = timed(self.residuals, told, self.time, self.parameters, self.held, self.corners)
         claim_clocks(self.claimed, found.held[len(self.held):])
         self.residuals, self.parameters, self.constants = found.residuals, found.parameters, found.parameters.expressions
         self.held, self.events = found.held, [*self.events, *found.events]

@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -91,6 +91,15 @@ def reduce(flat: Flat) -> Reduced:
     return system.solve(select_states(system.constraints, system.p_values))
 
 
+def reduce_flattened(flattened: Callable[[Mapping[int, int]], Flat]) -> Reduced:
+    """The index-1 model of a diagram, which is `flattened` again where equations with corners in time must be differentiated:
+    the corners of these become events."""
+    try:
+        return reduce(flattened({}))
+    except structural_messages.KinkError as error:
+        return reduce(flattened(error.orders))
+
+
 @dataclass(frozen=True)
 class Chain:
     """Every column as (unknown, order), and the highest order of each unknown."""
@@ -149,7 +158,7 @@ def _check_and_differentiate(flat: Flat, rows: list[list[int]], derivative: list
     if -1 in matching or len(rows) != len(flat.unknowns):
         raise structural_messages.singular(flat, collapsed, matching)
     result = pantelides(rows, len(derivative), derivative)
-    kinked = [i for i, order in enumerate(result.order) if order and flat.equations[i].kink]
+    kinked = {i: order for i, order in enumerate(result.order) if order and flat.equations[i].kink}
     if kinked:
         raise structural_messages.kinked(flat, kinked)
     moving = [j for j in range(len(flat.unknowns)) if derivative[j] >= 0]

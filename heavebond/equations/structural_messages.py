@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from heavebond.core.errors import ModelError, Place, Problem, SimulationError, either, listing
@@ -297,15 +297,24 @@ def _table(equations: Sequence[FlatEquation]) -> list[str]:
     return lines
 
 
-def kinked(flat: Flat, indices: Sequence[int]) -> ModelError:
-    """The error for equations that index reduction must differentiate but that have a kink."""
+class KinkError(ModelError):
+    """Equations with a kink would have to be differentiated: their numbers, and how often."""
+
+    def __init__(self, problems: Iterable[Problem] | str, *, hint: str = "", orders: Mapping[int, int] | None = None):
+        super().__init__(problems, hint=hint)
+        self.orders = dict(orders or {})
+
+
+def kinked(flat: Flat, orders: Mapping[int, int]) -> KinkError:
+    """The error for equations that index reduction must differentiate so often but that have a kink."""
     problems = []
-    for i in indices:
+    for i in orders:
         equation = flat.equations[i]
         place: Place = equation.place
         problems.append(Problem(
             "kink-differentiated", f"'{equation.owner}': this equation must be differentiated in time, but "
             f"{equation.kink} has a kink", place,
             "It holds positions or other states together, so its rate is needed. Use a smooth function instead (tanh, "
-            "smooth_sign),\nor put between what gives way: a spring, a resistance, a lag behind a signal."))
-    return ModelError(problems)
+            "smooth_sign;\nan SCurveMotion for a motion in time), or put between what gives way: a spring, a resistance, a lag "
+            "behind a signal."))
+    return KinkError(problems, orders=orders)

@@ -12,10 +12,11 @@ from its time (see `numerics.time_events.clocks_at`).
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import casadi as ca
+import numpy as np
 
 from heavebond.core.errors import Place, Problems
 from heavebond.core.units import DIMENSIONLESS
@@ -26,6 +27,8 @@ from heavebond.language.symbols import CORNERS, places, split, stack
 FLOOR_MOVES = "Write it in `then:` of a `when:`, which sets a held variable at every sample or crossing."
 STAIRCASE = "\nA staircase in time is a SampleHold of a Ramp, a sawtooth their difference."
 NEVER = 1e300  # an instant that no run reaches
+BESIDE = 1e-9  # s, or share of an instant, by which a derivative is looked at before and after it
+CONTINUOUS = 1e-6  # share of its size by which a continuous derivative changes over so short a time, at most
 TWO = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_POW, ca.OP_CONSTPOW, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE,
        ca.OP_AND, ca.OP_OR, ca.OP_FMOD, ca.OP_COPYSIGN, ca.OP_IF_ELSE_ZERO, ca.OP_FMIN, ca.OP_FMAX, ca.OP_ATAN2, ca.OP_HYPOT,
        ca.OP_REMAINDER}
@@ -42,13 +45,39 @@ class TimeSwitch:
     above: ca.SX
 
 
-def clocked(residual: ca.SX, time: ca.SX, constants: set[int]) -> tuple[ca.SX, list[TimeSwitch], bool]:
+def clocked(residual: ca.SX, time: ca.SX, constants: set[int], corners: bool = False) -> tuple[ca.SX, list[TimeSwitch], bool]:
     """A scalar residual that depends on the time, without comparisons of the time with constants (the hashes of their
-    symbols), the instants at which these change, and whether it still has a kink in something that moves."""
+    symbols), the instants at which these change, and whether it still has a kink in something that moves. With `corners`
+    what `max`, `min` and `abs` choose by the time is such a comparison, too."""
     symbols = ca.symvar(residual)
-    walk = _Walk(time, constants)
+    walk = _Walk(time, constants, corners)
     rebuilt = walk.rebuilt(ca.Function("residual", [stack(symbols)], [residual]), symbols)
     return (rebuilt, walk.found, walk.kinked) if walk.found else (residual, [], True)
+
+
+def _differentiable(residual: ca.SX, switches: Iterable[TimeSwitch], time: ca.SX, values: Mapping[int, float], order: int
+                    ) -> bool:
+    """Whether a residual has continuous derivatives in time up to `order` at the instants of its switches, with the
+    parameters at `values` (by the hashes of their symbols)."""
+    instants = [switch.instant for switch in switches if switch.instant is not None]
+    if len(instants) < len([*switches]):
+        return False  # it changes at zeros of a curve
+
+    def at(expressions: list[ca.SX]) -> ca.Function:
+        symbols = [s for s in ca.symvar(stack(expressions)) if s.element_hash() != time.element_hash()]
+        known = [values.get(s.element_hash(), 1.0) for s in symbols]  # a switch is on, an unknown anywhere
+        return ca.Function("at", [time], [ca.substitute(stack(expressions), stack(symbols), ca.DM(known))])
+
+    passed = np.array(at(instants)(0.0)).ravel()
+    passed = np.sort(passed[np.abs(passed) < NEVER / 2])
+    beside = BESIDE * np.maximum(np.abs(passed), 1.0)
+    derivatives = [residual]
+    for _ in range(order):
+        derivatives.append(ca.jacobian(derivatives[-1], time))
+    course = at(derivatives[1:])
+    before, after = (np.array([np.array(course(t)).ravel() for t in passed + side * beside]) for side in (-1, 1))
+    size = np.maximum(np.abs(before), np.abs(after)).max(axis=0, initial=0.0)
+    return bool((np.abs(after - before) <= CONTINUOUS * size).all())
 
 
 def check_steps(residuals: ca.SX, told: Iterable[tuple[str, str, Place]], numbers: ca.SX,
@@ -90,19 +119,24 @@ class TimeConditions:
 
 
 def timed(residuals: ca.SX, told: Iterable[tuple[str, str, Place]], time: ca.SX, parameters: Parameters,
-          held: tuple[Held, ...]) -> TimeConditions:
-    """All residuals clocked; `told` are owner, text and place of their equations, `held` what is held already."""
+          held: tuple[Held, ...], corners: Mapping[int, int]) -> TimeConditions:
+    """All residuals clocked; `told` are owner, text and place of their equations, `held` what is held already. The residuals
+    `corners` are differentiated as often as it says: the corners of these are clocked where they are smooth enough for it."""
     by_time = ca.which_depends(residuals, time, 1, True)
     if not any(by_time):  # as in nearly every diagram
         return TimeConditions(residuals, frozenset(), parameters, held, ())
     moving = {h.index for h in held}
     constants = {s for s, k in parameters.places.items() if k not in moving}
+    numbers_of = [q.value for q in parameters.independent]
+    values = {s: numbers_of[k] for s, k in parameters.places.items()}
     own, events, symbols, done = list[Held](), list[FlatEvent](), list[ca.SX](), ca.SX(residuals)
     numbers, begin, smooth = Counter[str](), parameters.p.numel(), set[int]()
     for k, (owner, text, place) in enumerate(told):
         if not by_time[k]:
             continue
-        done[k], passings, kinked = clocked(residuals[k], time, constants)
+        done[k], passings, kinked = clocked(residuals[k], time, constants, corners=k in corners)
+        if k in corners and not _differentiable(residuals[k], passings, time, values, corners[k] - 1):
+            done[k], passings, kinked = clocked(residuals[k], time, constants)
         smooth |= set() if kinked else {k}
         for passing in passings:
             numbers[owner] += 1
@@ -126,8 +160,8 @@ def timed(residuals: ca.SX, told: Iterable[tuple[str, str, Place]], time: ca.SX,
 
 
 class _Walk:
-    def __init__(self, time: ca.SX, constants: set[int]):
-        self.time, self.constants, self.kinked = time, {*constants}, False
+    def __init__(self, time: ca.SX, constants: set[int], corners: bool):
+        self.time, self.constants, self.corners, self.kinked = time, {*constants}, corners, False
         self.found: list[TimeSwitch] = []
 
     def rebuilt(self, function: ca.Function, symbols: list[ca.SX]) -> ca.SX:
@@ -152,6 +186,10 @@ class _Walk:
             return found
         if op == ca.OP_SIGN and (found := self._held(a)) is not None:
             return 2 * found - 1
+        if self.corners and op in (ca.OP_FMAX, ca.OP_FMIN, ca.OP_FABS):
+            other = -a if b is None else b
+            if (found := self._held(a - other)) is not None:
+                return ca.if_else(found, other, a) if op == ca.OP_FMIN else ca.if_else(found, a, other)
         # what `if_else` puts out is smooth where its condition does not change
         deciding = a if op == ca.OP_IF_ELSE_ZERO or b is None else ca.vertcat(a, b)
         if op in CORNERS and not {s.element_hash() for s in ca.symvar(deciding)} <= self.constants:
@@ -174,6 +212,13 @@ class _Walk:
             return symbol
         first = ca.substitute(above, self.time, ca.SX(0))
         instant = ca.if_else(slope == 0, NEVER, -first / slope)
+        before = [switch for switch in self.found if switch.symbol.element_hash() in names]
+        if before and self.corners:  # min(max(time - t_1, 0), T): the instant follows from the line before or after t_1
+            if len(before) > 1 or before[0].instant is None:
+                return None
+            bend = before[0].instant
+            earlier, later = (ca.substitute(instant, before[0].symbol, ca.SX(passed)) for passed in (0, 1))
+            instant = ca.if_else(earlier < bend, earlier, ca.if_else(later >= bend, later, NEVER))
         self.constants.add(symbol.element_hash())
         self.found.append(TimeSwitch(symbol, instant, above))
         return ca.if_else(slope > 0, symbol, ca.if_else(slope < 0, ca.logic_not(symbol), first > 0))

@@ -12,7 +12,7 @@ import numpy as np
 from heavebond.core.errors import HeavebondError, Problem, StartError, UsageError
 from heavebond.core.units import read_unit
 from heavebond.equations.flatten import flatten
-from heavebond.equations.reduce import reduce
+from heavebond.equations.reduce import reduce_flattened
 from heavebond.language.model import Model
 from heavebond.language.sections import Initial
 from heavebond.linear.disturbance import disturbed, quiet
@@ -52,7 +52,8 @@ class OperatingPoints:
             self._fill()
 
     def _assemble(self, model: Model) -> None:
-        self.assembly = build(reduce(disturbed(flatten(model, self._also), self._disturbances)))
+        self.assembly = build(reduce_flattened(lambda corners: disturbed(
+            flatten(model, self._also, corners=corners), self._disturbances)))
         end = self.time if self.time != self.begin else \
             float(grid(model, None, None)[-1]) if model.until is not None else self.begin + 1.0
         self.driven = quiet(self.assembly.flat, len(self._disturbances), self.begin, end)

@@ -26,7 +26,7 @@ from heavebond.core.units import Unit, read_unit
 from heavebond.equations.buffered import Buffered
 from heavebond.equations.flatten import Flat, flatten
 from heavebond.equations.places import Node, nodes_of, places_of, with_virtual_sources
-from heavebond.equations.reduce import reduce
+from heavebond.equations.reduce import reduce_flattened
 from heavebond.estimation.comparison import simulate_over
 from heavebond.estimation.experiment import Experiment, Free, Record
 from heavebond.estimation.records import Mask, measure
@@ -143,12 +143,14 @@ class SourcedRecord:
         self.learn = _learnt(np.any(counts, axis=0, keepdims=True)[0], np.any(checking, axis=0, keepdims=True)[0], record)
         wanted = {n.text for o in outputs for n in names_in(o.shown.expr)}
         wanted |= {name.removeprefix("initial.") for name in experiment.free if name.startswith("initial.")}
-        flat = flatten(experiment.model_for(record), wanted)
+        model = experiment.model_for(record)
+        flat = flatten(model, wanted)
         self.nodes = sources(flat)
         self.places = places_of(flat, self.nodes)
         self.file = folder / f"{file_stem(record.name)}.csv"
         self._write(np.zeros((len(self.time), len(self.nodes))))
-        self.assembly = build(reduce(with_virtual_sources(flat, self.nodes, self.file)))
+        self.assembly = build(reduce_flattened(lambda corners: with_virtual_sources(
+            flatten(model, wanted, corners=corners), self.nodes, self.file)))
         self.locals = _locals(self.assembly)
         self._jacobians = _Jacobians(self.assembly, [self.assembly.expression(o.shown.expr) for o in outputs], self.locals,
                                      list(experiment.free), len(self.nodes))

@@ -18,7 +18,7 @@ from heavebond.core.gc_paused import put_off
 from heavebond.core.presentation import brief, count
 from heavebond.core.units import UnitProblem, check_unit, interval_text, parse_quantity
 from heavebond.equations.flatten import Flat, flatten
-from heavebond.equations.reduce import Reduced, reduce
+from heavebond.equations.reduce import Reduced, reduce_flattened
 from heavebond.equations.resolver import Resolver
 from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.language.symbols import split, stack
@@ -229,9 +229,8 @@ def assemble(model: ModelOrFile | Assembly, also: Iterable[str] = (), widths: fl
     if isinstance(model, Assembly):
         return model
     with put_off():
-        flat = flatten(loaded(model), sorted(set(also)), widths)
-        check()
-        reduced = reduce(flat)
+        diagram, wanted = loaded(model), sorted(set(also))
+        reduced = reduce_flattened(lambda corners: _checked(flatten(diagram, wanted, widths, corners)))
         check()
         made = build(reduced)
         check()
@@ -245,6 +244,12 @@ def _assembled_again(model: Model, also: tuple[str, ...], widths: float, states:
     if assembly.reduced.states != states:
         assembly = build(assembly.reduced.choices.solve(list(states)))
     return replace(assembly.with_sizes(sizes) if sizes else assembly, p=p)
+
+
+def _checked(flat: Flat) -> Flat:
+    """The flat model, unless the work was cancelled meanwhile."""
+    check()
+    return flat
 
 
 def build(reduced: Reduced) -> Assembly:

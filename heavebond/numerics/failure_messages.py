@@ -36,6 +36,8 @@ JUMP = 1e-3  # share of the change of a law over the size of a variable that a j
 TIGHT = 1e-6  # relative tolerances from which on there is nothing to loosen
 FOLDED = ("The links of a mechanism come to lie in one line there, from where it could go on in two ways: its constraints "
           "depend on each other. No choice of states helps; change a length a little, or add what decides (a spring).")
+# what gives a node a speed of its own, by the unit of its position, with a value to begin with
+INERTIA = {"m": ("Mass", "m: 1 kg"), "rad": ("Inertia", "J: 1 kg*m**2")}
 _TIME = re.compile(r"[Aa]t t ?= ?([-+.\deE]+)")
 
 
@@ -63,6 +65,7 @@ def explain_failure(stop: Stop, first: Start, said: str, rtol: float) -> Simulat
     if stop.last is not None:
         cause, notes = _cause(stop.assembly, first, stop.last, loosen)
         hint = FOLDED if stop.folded else cause or hint
+        hint += _without_mass(stop.assembly, stop.last)
         if lawless := [path for path, leaf in stop.assembly.flat.expanded.leaves.items() if leaf.component.placeholder]:
             have = f"{listing(lawless, 4)} {'have' if len(lawless) > 1 else 'has'}"
             hint = f"{have} no law, and what placeholders give is constant: write the laws first. {hint}"
@@ -99,6 +102,26 @@ def check_decided(result: Result, at: NDArray[np.intp], slopes: ca.Function) -> 
             point = assembly.point(t, here[1], here[2], here[3], here[4])
             found = losses(assembly.reduced.system, point)
             raise structural_messages.undecided(assembly.flat, found, assembly.algebraic_names, f"at t = {t:.6g} s")
+
+
+def _without_mass(assembly: Assembly, last: Point) -> str:
+    """What to add at the node that moves fastest where no mass decides its speed; empty if its speed is a state."""
+    flat, reduced = assembly.flat, assembly.reduced
+    rates = np.abs(np.array(assembly.rates(*last.values()[:5], 1.0)[0]).ravel()) / assembly.x_nominal
+    k = int(np.argmax(np.nan_to_num(rates, nan=-1.0))) if rates.size else -1
+    unknown = flat.unknowns[reduced.states[k][0]] if k >= 0 and reduced.states[k][1] == 0 else None
+    inertia = INERTIA.get(unknown.unit.text) if unknown is not None and unknown.role == "position" else None
+    if unknown is None or inertia is None:
+        return ""
+    node = unknown.name.rpartition(".")[0]
+    speeds = {flat.names[name] for domain in [flat.domains.get(node)] if domain for member in domain.across
+              if (name := f"{node}.{member}") in flat.names}
+    j = reduced.states[k][0]
+    if any(i in speeds or (i, order) == (j, 1) for i, order in reduced.states):
+        return ""
+    name, value = inertia
+    return (f"\nNo mass decides the speed of node '{node}'; the forces there do, which they cannot where friction slides or play "
+            f"opens. Add one: `{node}_{name.lower()}: {{is: {name}, {value}}}`, with its port `{node}_{name.lower()}.a` on the node.")
 
 
 def _loosen(rtol: float) -> str:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
 
-from heavebond.core.errors import Problem, listing
+from heavebond.core.errors import Problem, either, listing
 from heavebond.equations.constraint_projection import ConstraintEquations, constraint_equations
 from heavebond.equations.state_selection import InitialGuess
 from heavebond.language.symbols import uniform
@@ -23,6 +24,8 @@ LOST, GROWS = 1e-5, 100.0
 # share of the largest residual or direction from which a part is named
 SHARE = 0.05
 MOST_NAMED = 8
+# positions besides the start at which a loop must be redundant, and the way to these in usual sizes
+MOVED, WAY = 2, 0.2
 
 
 def unassembled(assembly: Assembly) -> Problem | None:
@@ -49,6 +52,53 @@ def dead_centre(assembly: Assembly) -> Problem | None:
     guess = InitialGuess(assembly.flat)(assembly.p)
     y, residual = _closest(equations, guess, assembly.p, [j for j, fixed in equations.fixed().items() if fixed])
     return _dead_centre(equations, y, assembly.p) if np.abs(residual).max() < CLOSED else None
+
+
+def redundant_loop(assembly: Assembly) -> Problem | None:
+    """That the constraints of a mechanism depend on each other at its start and at positions to which it moves, as those of
+    three parallel cranks; None if they do not, or at its start only (a dead centre)."""
+    equations = _equations(assembly)
+    if equations is None:
+        return None
+    guess, p = InitialGuess(assembly.flat)(assembly.p), assembly.p
+    y, residual = _closest(equations, guess, p, [j for j, fixed in equations.fixed().items() if fixed])
+    if not np.abs(residual).max() < CLOSED:
+        return None
+
+    def dependent(at: Array) -> tuple[Array, Array]:
+        left, values, right = np.linalg.svd(equations.at(at, p)[1])
+        rank = int((values > LOST * values[0]).sum())
+        return left[:, rank:], right[rank:]
+
+    relations, motions = dependent(y)
+    if not relations.size or not motions.size:
+        return None
+    for trial in range(MOVED):
+        direction = motions.T @ np.array([uniform(trial, k) - 0.5 for k in range(len(motions))])
+        moved = y + WAY * equations.nominal * direction / np.abs(direction).max()
+        near = _least(equations, moved, p, range(len(y)))
+        if not np.abs(equations.at(near, p)[0]).max() < CLOSED or dependent(near)[0].shape[1] < relations.shape[1]:
+            return None
+    return _redundant(equations, relations)
+
+
+def _redundant(equations: ConstraintEquations, relations: Array) -> Problem:
+    flat, leaves = equations.flat, equations.flat.expanded.leaves
+    share = np.abs(relations).max(axis=1)
+    owners = [flat.equations[i].owner for i, s in zip(equations.rows, share, strict=True) if s > SHARE * share.max()]
+    # a part with one port holds its end of the loop; links have more constraints than joints
+    parts = [part for part in dict.fromkeys(owners) if part in leaves and len(leaves[part].component.ports) > 1]
+    number = Counter(flat.equations[i].owner for i in equations.rows)
+    parts.sort(key=lambda part: -number[part])
+    links = [part for part in parts if number[part] == number[parts[0]]] if parts else []
+    domain = next((d for part in links for port in leaves[part].component.ports
+                   if (d := flat.domains.get(f"{part}.{port}")) is not None), None)
+    elastic = f", or put {domain.compliance} in line with one of them" if domain is not None else ""
+    return Problem("rank-lost", f"the loops of {listing(parts, MOST_NAMED)} hold the same position more than once: "
+                   f"{relations.shape[1]} of their constraints {'is' if relations.shape[1] == 1 else 'are'} redundant in every "
+                   "position, so that no equation determines the forces in them",
+                   leaves[links[0]].place if links else None,
+                   f"Take one of {either(links[:MOST_NAMED], 'or')} out, with its joints{elastic}.")
 
 
 def _equations(assembly: Assembly) -> ConstraintEquations | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -83,9 +84,10 @@ class NewtonResult:
 
     @property
     def missed(self) -> tuple[int, float]:
-        """How many equations do not hold, and the largest residual: of two ends of a search the one that is nearer."""
-        return int((~(np.abs(self.residual) < NEWTON.acceptable)).sum()) \
-            if np.isfinite(self.size) else len(self.residual) + 1, self.size
+        """How many equations do not hold, and the largest residual: of two ends of a search the one that is nearer. One that
+        is not finite, as of a search that could not begin, is farther than any other."""
+        finite_size = np.isfinite(self.size)
+        return int((~(np.abs(self.residual) < NEWTON.acceptable)).sum()) if finite_size else sys.maxsize, self.size
 
     @property
     def size(self) -> float:

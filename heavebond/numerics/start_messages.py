@@ -15,7 +15,7 @@ from heavebond.equations.lost_rank import losses
 from heavebond.language.library import is_bundled
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.matrices import dense, finite, null_space, scaled
-from heavebond.numerics.mechanism_messages import dead_centre
+from heavebond.numerics.mechanism_messages import dead_centre, redundant_loop
 from heavebond.numerics.newton import weights
 from heavebond.numerics.pointwise import missing
 from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquations, StartRow, StartSystem
@@ -35,6 +35,8 @@ def lost(assembly: Assembly, point: Point) -> list[Problem]:
     if not all(np.all(np.isfinite(v)) for v in values):
         return []
     found = losses(assembly.reduced.system, assembly.point(*values))
+    if found and (problem := redundant_loop(assembly)):
+        return [problem]
     if found and not any(loss.parameters or loss.variables for loss in found) and (problem := dead_centre(assembly)):
         return [problem]
     return structural_messages.lost(assembly.flat, found, AT)
@@ -83,8 +85,8 @@ def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> 
     states = [k for k, (_, order) in enumerate(assembly.reduced.states) if order == 0 and point.x[k] == 0]
     # a default of 0 of the library is right everywhere
     leaves = flat.expanded.leaves
-    numbers = [k for k, name in enumerate(assembly.parameter_names) if point.p[k] == 0 and "." in name and not (
-        structural_messages.assumed(flat, name) and is_bundled(leaves[name.rpartition(".")[0]].component.path))]
+    numbers = [k for k, name in enumerate(assembly.parameter_names) if point.p[k] == 0 and name.rpartition(".")[0] in leaves
+               and not (structural_messages.assumed(flat, name) and is_bundled(leaves[name.rpartition(".")[0]].component.path))]
     cured = [k for k in numbers if finite(replace(point, p=_moved(point.p, k, 1.0)))]
     if cured:
         names = listing((assembly.parameter_names[k] for k in cured), MOST_NAMED)
