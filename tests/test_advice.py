@@ -56,8 +56,8 @@ def test_a_position_source_follows_a_trapezoidal_motion() -> None:
     """Its position is differentiable, though it is written with `max` and `min`. The mass follows to its end; by then the
     spring-damper has let it settle by exp(-zeta*omega*1.5 s) = exp(-15)."""
     run = hb.simulate(hb.loads(MOTION))
-    assert run["u"] == pytest.approx(1000 * trapezoid(run.time), abs=1e-6)  # rounding
-    assert run["x"][-1] == pytest.approx(1000, abs=0.1)
+    assert run.display["u"] == pytest.approx(1000 * trapezoid(run.time), abs=1e-6)  # rounding
+    assert run.display["x"][-1] == pytest.approx(1000, abs=0.1)
 
 
 def test_a_rigid_mass_follows_a_motion_whose_speed_is_continuous() -> None:
@@ -77,7 +77,8 @@ def test_a_rigid_mass_does_not_follow_a_step_in_speed_and_the_advice_works() -> 
     with pytest.raises(ModelError, match="max has a kink") as caught:
         hb.simulate(hb.loads(formula("0.1 m/s*max(time - 1 s, 0 s)")))
     assert "SCurveMotion" in str(caught.value)
-    run = hb.simulate(hb.loads(RIGID.replace("TrapezoidalMotion, end: 1 m, v: 0.5 m/s, a: 1 m/s**2", "SCurveMotion, end: 1 m, T: 2 s")))
+    run = hb.simulate(hb.loads(RIGID.replace("TrapezoidalMotion, end: 1 m, v: 0.5 m/s, a: 1 m/s**2",
+                                             "SCurveMotion, end: 1 m, T: 2 s")))
     expected = 100 * np.pi / 2 * np.sin(np.pi * run.time) * (run.time < 2)  # m * 2 pi way / T**2 * sin(2 pi t / T)
     assert np.abs(run["F"]) == pytest.approx(np.abs(expected), abs=1e-5)
 
@@ -120,8 +121,8 @@ simulate: {until: 0.8 s, every: 10 ms}
 
 
 def test_a_redundant_crank_is_named_and_without_it_the_machine_runs() -> None:
-    """Three parallel cranks: the zeros of the links have nothing to do with it. Without the middle crank the motion is that of
-    the body on two cranks, phi'' = -g cos(phi) / l, here integrated by SciPy."""
+    """Three parallel cranks: the zeros of the links have nothing to do with it. Without the middle crank the motion is that
+    of the body on two cranks, phi'' = -g cos(phi) / l, here integrated by SciPy."""
     from scipy.integrate import solve_ivp
 
     with pytest.raises(StartError) as caught:
@@ -132,7 +133,7 @@ def test_a_redundant_crank_is_named_and_without_it_the_machine_runs() -> None:
         .replace("c1.phi: ~ 60 deg, ", "")
     run = hb.simulate(hb.loads(without))
     exact = solve_ivp(lambda t, y: [y[1], -9.80665 * np.cos(y[0])], (0, 0.8), [np.pi / 3, 0], rtol=1e-10, atol=1e-12)
-    assert run["phi"][-1] == pytest.approx(np.degrees(exact.y[0, -1]), abs=0.01)  # the integration's own error
+    assert run.display["phi"][-1] == pytest.approx(np.degrees(exact.y[0, -1]), abs=0.01)  # the integration's own error
 
 
 SLIP = """\
@@ -158,7 +159,7 @@ def test_a_node_without_mass_is_named_and_with_the_mass_of_the_message_the_run_s
     assert line is not None, str(caught.value)
     cured = SLIP.replace("nodes:", f"  {line.group(1)}\nnodes:").replace("friction.a]", "friction.a, shoe_mass.a]")
     run = hb.simulate(hb.loads(cured))
-    assert np.abs(run["force"]).max() == pytest.approx(9, rel=0.05)  # it slides at 9 kN; the 1 kg adds a little
+    assert np.abs(run.display["force"]).max() == pytest.approx(9, rel=0.05)  # it slides at 9 kN; the 1 kg adds a little
 
 
 def test_a_bundled_diagram_is_extended_by_its_name_and_a_wrong_name_gets_a_near_one(tmp_path: Path) -> None:
@@ -193,8 +194,8 @@ def test_the_advice_for_an_output_that_is_a_formula_can_be_followed(tmp_path: Pa
     rows = "\n".join(f"{t:.2f},{180 / np.pi * a + 180:.5f}" for t, a in zip(run.time, run["angle"], strict=True))
     (tmp_path / "p.csv").write_text("time,theta\n" + rows + "\n")
     (tmp_path / "pendulum.yaml").write_text(PENDULUM)
-    text = ("experiment: e\nmodel: pendulum.yaml\nrecords:\n  train: {file: p.csv, use: fit}\ntime: {column: time, unit: s}\n"
-            "outputs:\n  angle: {is: shaft.phi + 3.14159265, column: theta, unit: deg, noise: 0.1 deg}\n")
+    text = ("experiment: e\nmodel: pendulum.yaml\nrecords:\n  train: {file: p.csv, use: fit}\ntime: {column: time, "
+            "unit: s}\noutputs:\n  angle: {is: shaft.phi + 3.14159265, column: theta, unit: deg, noise: 0.1 deg}\n")
     (tmp_path / "e.yaml").write_text(text)
     before = hb.compare(tmp_path / "e.yaml").records["train"]
     advice = re.search(r"`(initial: \{shaft\.phi: 1\.2[^`]*\})`", " ".join(before.notes))
@@ -205,20 +206,21 @@ def test_the_advice_for_an_output_that_is_a_formula_can_be_followed(tmp_path: Pa
 
 def drive_and_response(tmp_path: Path, change: dict[str, np.ndarray] | None = None, columns: str = "deck load",
                        free: str = "") -> Path:
-    """An experiment of a mass on a spring and damper whose foot is moved, with its own run as record; some columns changed."""
+    """An experiment of a mass on a spring and damper whose foot is moved, with its own run as record."""
     text = MOTION.replace("  t: {is: TrapezoidalMotion, end: 1 m, v: 0.5 m/s, a: 1 m/s**2}\n", "") \
-        .replace("u: [t.y, p.u], ", "").replace("until: 4 s", "until: 12 s").replace("c: 10 kN/m, d: 2 kN*s/m", "c: 4 kN/m, d: 400 N*s/m") \
+        .replace("u: [t.y, p.u], ", "").replace("until: 4 s", "until: 12 s") \
+        .replace("c: 10 kN/m, d: 2 kN*s/m", "c: 4 kN/m, d: 400 N*s/m") \
         .replace("{is: PositionSource}", '{is: PositionSource, u: "=30 mm*sin(3 rad/s*time) + 20 mm*sin(1.1 rad/s*time)"}')
     (tmp_path / "rig.yaml").write_text(text)
     run = hb.simulate(hb.loads(text))
     noise = np.random.default_rng(3).standard_normal((2, len(run.time)))
-    values = {"deck": run["u"] + 0.01 * noise[0], "load": run["x"] + 0.1 * noise[1], **(change or {})}
+    values = {"deck": run.display["u"] + 0.01 * noise[0], "load": run.display["x"] + 0.1 * noise[1], **(change or {})}
     first, second = columns.split()
     np.savetxt(tmp_path / "r.csv", np.column_stack([run.time, values["deck"], values["load"]]), delimiter=",",
                header=f"time,{first},{second}", comments="", fmt="%.6f")
     path = tmp_path / "e.yaml"
-    path.write_text("experiment: e\nmodel: rig.yaml\nrecords:\n  train: {file: r.csv, use: fit}\ntime: {column: time, unit: s}\n"
-                    "inputs:\n  p.u: {column: deck, unit: mm, interpolation: linear}\n"
+    path.write_text("experiment: e\nmodel: rig.yaml\nrecords:\n  train: {file: r.csv, use: fit}\ntime: {column: time, "
+                    "unit: s}\ninputs:\n  p.u: {column: deck, unit: mm, interpolation: linear}\n"
                     "outputs:\n  m.x: {column: load, unit: mm, noise: 0.1 mm}\n" + free)
     return path
 
@@ -247,7 +249,7 @@ def test_a_value_outside_its_range_is_told(tmp_path: Path) -> None:
 
 
 def test_no_shift_is_advised_before_the_parameters_are_fitted(tmp_path: Path) -> None:
-    """A stiffness 1 % off shifts phases by a fraction of a sample; with fixed parameters the same residual is called late."""
+    """A stiffness that is a little off shifts phases by a fraction of a sample."""
     path = drive_and_response(tmp_path, free="free:\n  s.c: 3 .. 5 kN/m\n")
     rig = (tmp_path / "rig.yaml").read_text()
     (tmp_path / "rig.yaml").write_text(rig.replace("c: 4 kN/m", "c: 3.98 kN/m"))
@@ -280,8 +282,9 @@ def test_the_start_of_a_record_with_unix_times_is_named_with_the_end_of_the_run(
     for name, first in (("unix", 1.4e9), ("zero", 0.0)):
         np.savetxt(tmp_path / f"{name}.csv", np.column_stack([t + first, np.sin(t)]), delimiter=",", header="time_s,u_V",
                    comments="", fmt="%.3f")
-    text = ("model: m\ncomponents:\n  f: {is: FirstOrderLag, T_1: 0.5 s, u: {file: unix.csv, column: u_V, unit: V, interpolation: "
-            "linear, time: {column: time_s, unit: s}}}\nshow: {y: {is: f.y, unit: V}}\nsimulate: {until: 10 s, every: 0.1 s}\n")
+    text = ("model: m\ncomponents:\n  f: {is: FirstOrderLag, T_1: 0.5 s, u: {file: unix.csv, column: u_V, unit: V, "
+            "interpolation: linear, time: {column: time_s, unit: s}}}\nshow: {y: {is: f.y, unit: V}}\n"
+            "simulate: {until: 10 s, every: 0.1 s}\n")
     with pytest.raises(HeavebondError) as caught:
         hb.simulate(hb.loads(text, tmp_path))
     advice = re.search(r"`simulate: \{(from: 1400000000 s, until: 1400000010 s)\}`", str(caught.value))

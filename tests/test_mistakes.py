@@ -108,7 +108,8 @@ MISTAKES = [
             ("m", "one value", "m: 120 kg"), ("'m[1]'",)),
     # values
     Mistake("a word for a number: TBD", "rig", "m: 120 kg}\nn", "m: TBD}\nn", "formula-unmarked", ("'TBD'", "mass", "kg")),
-    Mistake("a switch word for a force: off", "rig", "c: 4 kN/m", "c: off", "not-a-quantity", ("'off'", "N/m"), ("Write 0.",)),
+    Mistake("a switch word for a force: off", "rig", "c: 4 kN/m", "c: off", "not-a-quantity", ("'off'", "N/m"),
+            ("Write 0.",)),
     Mistake("no unit", "rig", "m: 120 kg}\nn", "m: 120}\nn", "unit-missing", ("120 kg",)),
     Mistake("kg spelled Kg", "rig", "m: 120 kg}\nn", "m: 120 Kg}\nn", "unit-unknown", ("'kg'",)),
     Mistake("no value", "rig", "m: 120 kg}\nn", "m: }\nn", "key-without-value", ("'m' has no value",)),
@@ -127,12 +128,14 @@ MISTAKES = [
     Mistake("the ends of a resistor on one node", "circuit", "  plus:  [b.a, r.a]\n  out:   [r.b, c.a]\n",
             "  plus:  [b.a, r.a, r.b]\n  out:   [c.a]\n", "", ("r", "same node", "plus")),
     Mistake("two current sources in series", "circuit", "  b: {is: VoltageSource, u: 12 V}\n  r: {is: Resistor, R: 10 ohm}",
-            "  b: {is: CurrentSource, u: 1 A}\n  r: {is: CurrentSource, u: 2 A}", "underdetermined", ("'b'", "'r'", "current")),
+            "  b: {is: CurrentSource, u: 1 A}\n  r: {is: CurrentSource, u: 2 A}", "underdetermined",
+            ("'b'", "'r'", "current")),
     Mistake("no ground", "circuit", ", g.a]", "]", "port-unconnected", ("g.a",)),
     Mistake("no part for the ground", "circuit", "  g: {is: ElectricalGround}\nnodes:\n  plus:  [b.a, r.a]\n"
             "  out:   [r.b, c.a]\n  minus: [b.b, c.b, g.a]", "nodes:\n  plus:  [b.a, r.a]\n  out:   [r.b, c.a]\n"
             "  minus: [b.b, c.b]", "rank-lost", ("ElectricalGround",)),
-    Mistake("the relief valve reversed", "unit", "supply:  [pump.b, relief.a, line.a]\n  suction: [pump.a, tank.a, relief.b]",
+    Mistake("the relief valve reversed", "unit",
+            "supply:  [pump.b, relief.a, line.a]\n  suction: [pump.a, tank.a, relief.b]",
             "supply:  [pump.b, relief.b, line.a]\n  suction: [pump.a, tank.a, relief.a]", "",
             ("supply.p", "relief", "exchange")),
     Mistake("the motor turning the other way", "unit", "u: 1500 rpm", "u: -1500 rpm", "run-physical",
@@ -158,8 +161,8 @@ MISTAKES = [
     Mistake("an end before the start", "rig", "until: 1 s", "until: -1 s", "time-not-positive", ("until", "above 0")),
     Mistake("a solver of another tool", "rig", "every: 20 ms", "every: 20 ms, solver: ode45", "solver-unknown", ("idas",)),
     # experiments
-    Mistake("a range whose ends are exchanged", "experiment", "100 .. 150 kg", "150 .. 100 kg", "range-empty", ("100 .. 150 kg",),
-            command="compare"),
+    Mistake("a range whose ends are exchanged", "experiment", "100 .. 150 kg", "150 .. 100 kg", "range-empty",
+            ("100 .. 150 kg",), command="compare"),
     Mistake("a free parameter without a range", "experiment", "100 .. 150 kg", "120 kg", "not-a-range", ("120 kg +- 20 %",),
             command="compare"),
     Mistake("a range that excludes the model's value", "experiment", "100 .. 150 kg", "200 .. 300 kg", "",
@@ -172,7 +175,8 @@ NOT_YET = {"the relief valve reversed": "2332 bar are within what machines have,
 
 def record() -> str:
     """A record of the rig, 0.1 s apart, as its static displacement: only its form matters here."""
-    rows = (f"{k / 10:g},{40 * math.sin(math.pi * k / 10):.3f},{41 * math.sin(math.pi * k / 10 - 0.02):.3f}" for k in range(60))
+    angles = [math.pi * k / 10 for k in range(60)]
+    rows = (f"{k / 10:g},{40 * math.sin(a):.3f},{41 * math.sin(a - 0.02):.3f}" for k, a in enumerate(angles))
     return "time,deck,load\n" + "\n".join(rows) + "\n"
 
 

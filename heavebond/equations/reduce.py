@@ -92,8 +92,8 @@ def reduce(flat: Flat) -> Reduced:
 
 
 def reduce_flattened(flattened: Callable[[Mapping[int, int]], Flat]) -> Reduced:
-    """The index-1 model of a diagram, which is `flattened` again where equations with corners in time must be differentiated:
-    the corners of these become events."""
+    """The index-1 model of a diagram, which is `flattened` again if equations with corners in time must be
+    differentiated: these corners become events."""
     try:
         return reduce(flattened({}))
     except structural_messages.KinkError as error:

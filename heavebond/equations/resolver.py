@@ -199,7 +199,8 @@ class Resolver:
 
     def _unknown(self, path: str, name: Name) -> ExpressionProblem:
         powers = [f"{port}.{POWER}" for port in self.bonds] if path.endswith(f".{POWER}") else []
-        hint = "The time is called 'time'." if path == "t" else suggest(path, powers or [*self.names, *self.constants]) or NAMES_LISTED
+        hint = "The time is called 'time'." if path == "t" else \
+            suggest(path, powers or [*self.names, *self.constants]) or NAMES_LISTED
         return ExpressionProblem("name-unknown", f"nothing here is called '{name.text}'", name.column, name.length,
                                  hint)
 

@@ -232,8 +232,11 @@ class _Lost:
 def short_circuit(flat: Flat, owners: Iterable[str]) -> tuple[str, str] | None:
     """Message and advice for the first of the parts, whose equations contradict, with both ports on one node."""
     found = next(((owner, node) for owner in owners if (node := joined_ports(flat, owner))), None)
-    return found and (f"both ports of '{found[0]}' are on the same node, '{found[1]}', although '{found[0]}' prescribes what is "
-                      "between them", f"Put one port of '{found[0]}' on another node.")
+    if found is None:
+        return None
+    owner, node = found
+    return (f"both ports of '{owner}' are on the same node, '{node}', although '{owner}' prescribes what is between them",
+            f"Put one port of '{owner}' on another node.")
 
 
 def joined_ports(flat: Flat, path: str) -> str | None:
@@ -315,6 +318,6 @@ def kinked(flat: Flat, orders: Mapping[int, int]) -> KinkError:
             "kink-differentiated", f"'{equation.owner}': this equation must be differentiated in time, but "
             f"{equation.kink} has a kink", place,
             "It holds positions or other states together, so its rate is needed. Use a smooth function instead (tanh, "
-            "smooth_sign;\nan SCurveMotion for a motion in time), or put between what gives way: a spring, a resistance, a lag "
-            "behind a signal."))
+            "smooth_sign;\nan SCurveMotion for a motion in time), or put between what gives way: a spring, a resistance, "
+            "a lag behind a signal."))
     return KinkError(problems, orders=orders)

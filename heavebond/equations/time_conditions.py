@@ -45,7 +45,8 @@ class TimeSwitch:
     above: ca.SX
 
 
-def clocked(residual: ca.SX, time: ca.SX, constants: set[int], corners: bool = False) -> tuple[ca.SX, list[TimeSwitch], bool]:
+def clocked(residual: ca.SX, time: ca.SX, constants: set[int], corners: bool = False
+            ) -> tuple[ca.SX, list[TimeSwitch], bool]:
     """A scalar residual that depends on the time, without comparisons of the time with constants (the hashes of their
     symbols), the instants at which these change, and whether it still has a kink in something that moves. With `corners`
     what `max`, `min` and `abs` choose by the time is such a comparison, too."""
@@ -121,7 +122,7 @@ class TimeConditions:
 def timed(residuals: ca.SX, told: Iterable[tuple[str, str, Place]], time: ca.SX, parameters: Parameters,
           held: tuple[Held, ...], corners: Mapping[int, int]) -> TimeConditions:
     """All residuals clocked; `told` are owner, text and place of their equations, `held` what is held already. The residuals
-    `corners` are differentiated as often as it says: the corners of these are clocked where they are smooth enough for it."""
+    `corners` are differentiated as often as it says: their corners are clocked if they are smooth enough for it."""
     by_time = ca.which_depends(residuals, time, 1, True)
     if not any(by_time):  # as in nearly every diagram
         return TimeConditions(residuals, frozenset(), parameters, held, ())

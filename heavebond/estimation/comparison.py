@@ -289,8 +289,9 @@ def compare_record(experiment: Experiment, record: Record,
     starts = tuple(_start_note(c, measured.channels[c.name].output, steady, result) for c in elsewhere)
     closed = closed_loops(experiment, record, {c.name: (c.time, c.measured, c.model) for c in fitted.values()},
                           prescribing_inputs(result.assembly))
+    adjusted = bool(parameters) or not experiment.free
     slipped = tuple(f"{name} {said}" for name, told in slips.items() for said in told)
-    notes = (*measured.notes, *slipped, *_notes(measured, fitted, slips, held_inputs, bool(parameters) or not experiment.free), *starts,
+    notes = (*measured.notes, *slipped, *_notes(measured, fitted, slips, held_inputs, adjusted), *starts,
              *frozen_notes(experiment, record, fitted), *swapped_notes(experiment, record, result.assembly, fitted),
              *noise_notes(experiment, measured), *smoothing_notes(experiment, record, result.assembly), *closed,
              *changes_of(result, states=False))
@@ -327,15 +328,15 @@ def _start_note(channel: Channel, output: Output, steady: bool, result: Result) 
         return (f"{begins}, which starts in equilibrium: if the machine was at rest then too, a value of the diagram that "
                 "decides the equilibrium is wrong (a load, a preload or its sign, a supply); if it was not, begin"
                 " without `start: steady`")
+    begins = f"{begins}: if the machine was in another state then, "
     if formula in result.assembly.state_names:
-        return f"{begins}: if the machine was in another state then, write `initial: {{{quoted(formula)}: {first}}}` at this " \
-            "record"
-    return f"{begins}: if the machine was in another state then, {_state_advice(channel, output, result)}"
+        return f"{begins}write `initial: {{{quoted(formula)}: {first}}}` at this record"
+    return begins + _state_advice(channel, output, result)
 
 
 def _state_advice(channel: Channel, output: Output, result: Result) -> str:
-    """The initial value of one state with which the formula of an output begins as it was measured: the formula itself cannot
-    be given besides the states in it. The other states keep their values."""
+    """The initial value of one state with which the formula of an output begins as it was measured; the other states keep
+    their values. The formula itself cannot be given besides the states in it."""
     assembly, start = result.assembly, result.start
     unit, x = read_unit(output.shown.unit), assembly.arguments[1]
     slopes = np.array(ca.Function("slopes", [x], [ca.jacobian(assembly.expression(output.shown.expr), x)])(start.x)).ravel()
@@ -370,8 +371,9 @@ def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[s
     other = ", ".join(f"{c.name} {_late_by(c)}" for c in late if c.name not in sure)
     if other:
         more = any(c.late is not None and not c.late.explains(c.noise) for c in late)
-        notes.append(f"nearer if shifted in time: {other}; but " + ("more than a shift is wrong, and missing physics shifts " if more
-                     else "the free parameters are not fitted yet, and their errors shift ") + "phases too: fit first")
+        why = "more than a shift is wrong, and missing physics shifts" if more else \
+            "the free parameters are not fitted yet, and their errors shift"
+        notes.append(f"nearer if shifted in time: {other}; but {why} phases too: fit first")
     return (*notes, *held)
 
 

@@ -1,4 +1,4 @@
-"""Columns of a record that cannot be what an experiment takes them for: a sensor that is frozen, columns that are swapped."""
+"""Columns of a record that cannot be what an experiment takes them for: a frozen sensor, swapped columns."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class ColumnCheckConstants:
     alike: least correlation of input and output at which their order in time means something. Doubled: none is ever found.
     tie: share of the largest correlation from which on the smallest time between them counts. Doubled: a periodic motion is
         taken to lead by more than it does.
-    lead: least number of samples by which an output leads its input for the columns to look swapped. Doubled: nothing but for
-        quick motions.
+    lead: least number of samples by which an output leads its input for the columns to look swapped. Doubled: slower
+        exchanges of energy are silent.
     """
 
     frozen: float = 0.2
@@ -95,8 +95,8 @@ def swapped_notes(experiment: Experiment, record: Record, assembly: Assembly, ch
             if measured is not None and model is not None and measured <= -COLUMN_CHECKS.lead and model >= 0:
                 lead = -measured * float(np.median(np.diff(c.time)))
                 output = experiment.outputs[c.name]
-                notes.append(f"{c.name} leads the input {name} by {number(lead, 3)} s, whereas it follows it in the model: are the "
-                             f"columns '{given.column}' and '{output.column}' swapped?")
+                notes.append(f"{c.name} leads the input {name} by {number(lead, 3)} s, whereas it follows it in the model: "
+                             f"are the columns '{given.column}' and '{output.column}' swapped?")
     return tuple(notes)
 
 
@@ -136,8 +136,8 @@ def _frozen_note(name: str, time: Array, values: Array, unit: str, stretch: slic
     first, last = (number(float(time[k]), 6) for k in (stretch.start, stretch.stop - 1))
     share = number(100 * (stretch.stop - stretch.start) / len(values), 2)
     value = f"{number(float(values[stretch.start]), 6)} {unit}".removesuffix(" 1")
-    return f"{name} stays at exactly {value} from {first} s to {last} s ({share} % of the record) while {moves}: if its sensor is " \
-        "frozen, leave this part out (`from:` and `to:` at this record)"
+    return f"{name} stays at exactly {value} from {first} s to {last} s ({share} % of the record) while {moves}: if its " \
+        "sensor is frozen, leave this part out (`from:` and `to:` at this record)"
 
 
 def _lag(u: Array, y: Array) -> int | None:

@@ -182,7 +182,8 @@ def find(name: str | Path, head: str = "model", records: Container[str] = ()) ->
         inside_models = bundled_file(name) if ".." not in Path(name).parts else None
         if inside_models is not None and inside_models.is_relative_to(bundled("models")):
             return inside_models
-        raise UsageError([Problem("file-missing", f"there is no bundled {head} '{name}'", None, _bundled_hint(name, head, ()))])
+        raise UsageError([Problem("file-missing", f"there is no bundled {head} '{name}'", None,
+                                  _bundled_hint(name, head, ()))])
     path = Path(name)
     if path.is_dir() and (path.suffix or not (bundled("models") / path).is_dir()):
         files = [str(p) for p in sorted(path.glob("*.yaml"))]

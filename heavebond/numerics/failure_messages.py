@@ -120,8 +120,9 @@ def _without_mass(assembly: Assembly, last: Point) -> str:
     if any(i in speeds or (i, order) == (j, 1) for i, order in reduced.states):
         return ""
     name, value = inertia
-    return (f"\nNo mass decides the speed of node '{node}'; the forces there do, which they cannot where friction slides or play "
-            f"opens. Add one: `{node}_{name.lower()}: {{is: {name}, {value}}}`, with its port `{node}_{name.lower()}.a` on the node.")
+    part = f"{node}_{name.lower()}"
+    return (f"\nNo mass decides the speed of node '{node}'; the forces there do, which they cannot where friction slides or "
+            f"play opens. Add one: `{part}: {{is: {name}, {value}}}`, with its port `{part}.a` on the node.")
 
 
 def _loosen(rtol: float) -> str:

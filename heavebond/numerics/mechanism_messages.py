@@ -94,9 +94,9 @@ def _redundant(equations: ConstraintEquations, relations: Array) -> Problem:
     domain = next((d for part in links for port in leaves[part].component.ports
                    if (d := flat.domains.get(f"{part}.{port}")) is not None), None)
     elastic = f", or put {domain.compliance} in line with one of them" if domain is not None else ""
+    number_of = f"{relations.shape[1]} of their constraints {'is' if relations.shape[1] == 1 else 'are'}"
     return Problem("rank-lost", f"the loops of {listing(parts, MOST_NAMED)} hold the same position more than once: "
-                   f"{relations.shape[1]} of their constraints {'is' if relations.shape[1] == 1 else 'are'} redundant in every "
-                   "position, so that no equation determines the forces in them",
+                   f"{number_of} redundant in every position, so that no equation determines the forces in them",
                    leaves[links[0]].place if links else None,
                    f"Take one of {either(links[:MOST_NAMED], 'or')} out, with its joints{elastic}.")
 

@@ -102,22 +102,25 @@ def check_limits(result: Result, whole: Result | None = None) -> None:
 
 
 def _drawing_part(points: Result, n: int, u: Unknown) -> str:
-    """A sentence on the part that draws most from the node of `u`, at point n of a run; empty where none draws half of it."""
+    """A sentence on the part that draws most from the node of `u` at point n of a run; empty if none draws half of it."""
     flat = points.assembly.flat
     node = u.name.rpartition(".")[0]
     domain, junction = flat.domains.get(node), flat.expanded.junctions.get(node)
     if domain is None or junction is None or not domain.fills:
         return ""
-    ends = {name: end for end in junction.ends if (name := f"{end.name}.{domain.through[0]}") in flat.names and end.sign > 0}
-    flows = dict(zip(ends, Probe(points.assembly, list(ends), si=True).values(points)[:, n].tolist(), strict=True)) if ends else {}
+    ends = {name: end for end in junction.ends
+            if (name := f"{end.name}.{domain.through[0]}") in flat.names and end.sign > 0}
+    values = Probe(points.assembly, list(ends), si=True).values(points)[:, n].tolist() if ends else []
+    flows = dict(zip(ends, values, strict=True))
     most = max(flows, key=lambda name: flows[name], default="")
     if not most or not flows[most] > sum(max(q, 0.0) for q in flows.values()) / 2:
         return ""
     part, unit = ends[most].leaf, flat.unknowns[flat.names[most]].unit.text
-    drives = listing(dict.fromkeys(end.leaf for path, other in flat.expanded.junctions.items() if flat.domains.get(path) != domain
-                                   and any(e.leaf == part for e in other.ends) for end in other.ends if end.leaf != part), 3)
-    return f". {part} draws {readable(flows[most], unit)} from node '{node}' at that time: if it should deliver there, exchange " \
-        f"its ports{f' or reverse its drive ({drives})' if drives else ''}"
+    others = [other for path, other in flat.expanded.junctions.items() if flat.domains.get(path) != domain
+              and any(end.leaf == part for end in other.ends)]
+    drives = listing(dict.fromkeys(end.leaf for other in others for end in other.ends if end.leaf != part), 3)
+    return f". {part} draws {readable(flows[most], unit)} from node '{node}' at that time: if it should deliver there, " \
+        f"exchange its ports{f' or reverse its drive ({drives})' if drives else ''}"
 
 
 def _above(of: Limited, points: Result) -> Array:

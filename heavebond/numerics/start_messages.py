@@ -84,9 +84,9 @@ def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> 
     flat = assembly.flat
     states = [k for k, (_, order) in enumerate(assembly.reduced.states) if order == 0 and point.x[k] == 0]
     # a default of 0 of the library is right everywhere
-    leaves = flat.expanded.leaves
-    numbers = [k for k, name in enumerate(assembly.parameter_names) if point.p[k] == 0 and name.rpartition(".")[0] in leaves
-               and not (structural_messages.assumed(flat, name) and is_bundled(leaves[name.rpartition(".")[0]].component.path))]
+    numbers = [k for k, name in enumerate(assembly.parameter_names) if point.p[k] == 0
+               and (leaf := flat.expanded.leaves.get(name.rpartition(".")[0])) is not None
+               and not (structural_messages.assumed(flat, name) and is_bundled(leaf.component.path))]
     cured = [k for k in numbers if finite(replace(point, p=_moved(point.p, k, 1.0)))]
     if cured:
         names = listing((assembly.parameter_names[k] for k in cured), MOST_NAMED)

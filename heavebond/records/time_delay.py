@@ -40,8 +40,8 @@ class TimeDelay:
         return abs(self.seconds) > max(SURE * self.deviation, WORTH * self.interval) and self.share > EXPLAINS
 
     def explains(self, noise: float, *, fitted: bool = True) -> bool:
-        """Whether a delay is nearly all that is wrong: what it leaves is near the noise, or a twentieth of the squares. Before
-        the parameters are `fitted`, whose errors shift phases too, a residual near the noise shows nothing."""
+        """Whether a delay is nearly all that is wrong: what it leaves is near the noise, or a twentieth of the squares.
+        Before the parameters are `fitted`, whose errors shift phases too, a residual near the noise shows nothing."""
         return self.noticeable and ((fitted and self.rest < 1.5 * noise) or self.rest**2 < 0.05 * self.before**2)
 
 
