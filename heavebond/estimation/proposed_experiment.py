@@ -109,7 +109,8 @@ def propose(table: Table, assembly: Assembly, open_inputs: Sequence[str] = ()) -
                        f"({able_inputs})")
     if undriven := [name for name in open_inputs if name not in [c.target for c in columns if c.role == "input"]]:
         remarks.append(f"{listing(undriven, 3)} {'has' if len(undriven) == 1 else 'have'} no value, and no column was "
-                       "recognised as one: say under `inputs:` which column was measured there, or give a value in the diagram")
+                       "recognised as one: say under `inputs:` which column was measured there, or give a value in the "
+                       "diagram")
     if not any(c.role == "output" for c in columns):
         remarks.append("no column was recognised as an output: say under `outputs:` what was measured")
     return Proposal(tuple(columns), {t.name: (t.unit.text, t.doc) for t in inputs},
