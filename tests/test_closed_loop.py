@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,8 @@ from threadpoolctl import threadpool_info
 
 import heavebond as hb
 from heavebond.estimation import comparison
+from heavebond.estimation.faulty_columns import prescribing_inputs
+from heavebond.reports.result_tables import noticed
 
 PLANT = """
 components:
@@ -114,3 +117,19 @@ def test_a_diagnosis_of_a_closed_loop_says_that_it_may_be_biased(tmp_path: Path)
     (tmp_path / "open.yaml").write_text(OPEN.replace("interpolation: hold", "interpolation: linear"), encoding="utf-8")
     found = hb.diagnose(tmp_path / "open.yaml", number=1, steps=1, classes=["constant force"], samples=300)
     assert any(words.startswith("The answer may be biased: the input motor.u follows") for words in found.words)
+
+
+def test_feedback_is_told_once_for_all_records_and_of_a_driven_motion_as_a_reaction(tmp_path: Path) -> None:
+    """A rig driven by its displacement has no controller that could be put into the diagram."""
+    servo = "the input motor.u follows from the measured place (correlation 0.6 with its residual 1 sample before)"
+    records = {name: SimpleNamespace(notes=("short", f"{servo}: {name}"), feedback=(f"{servo}: {name}",))
+               for name in ("first", "second", "third")}
+    rows = noticed(SimpleNamespace(records=records))[0].rows  # type: ignore[arg-type]
+    assert rows == [("first", "short"), ("", f"{servo}: first (the same in second, third)"), ("second", "short"),
+                    ("third", "short")]
+    text = ("model: m\ncomponents:\n  p: {is: PositionSource, u: {file: r.csv, column: x, unit: m, interpolation: linear, "
+            "time: {column: t, unit: s}}}\n  f: {is: ForceSource, u: {file: r.csv, column: x, unit: N, interpolation: linear, "
+            "time: {column: t, unit: s}}}\n  s: {is: Spring, c: 1 kN/m}\n  m: {is: Mass, m: 1 kg}\n"
+            "nodes: {a: [p.a, s.a], b: [s.b, m.a, f.a]}\n")
+    (tmp_path / "r.csv").write_text("t,x\n0,0\n1,1\n2,0\n")
+    assert prescribing_inputs(hb.assemble(hb.loads(text, tmp_path))) == {"p.u"}

@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 
 import pytest
 from click.testing import CliRunner
+from matplotlib.image import imread
 
 import heavebond as hb
 from heavebond.cli import main
@@ -396,6 +397,21 @@ def test_the_command_writes_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert json.loads(Path("out.json").read_text())["files"] == ["passive.svg"]
     svg = Path("passive.svg").read_text(encoding="utf-8")
     assert "larger" in texts(svg, "tag") and re.search(r"F_c = 12 kN", svg)
+
+
+def test_the_command_writes_png_and_pdf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the proportions of the drawing; without the library the message says what to install, or which file to write."""
+    pytest.importorskip("cairosvg")
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.svg", "a.png", "a.pdf"):
+        assert CliRunner().invoke(main, ["draw", "quarter_car", "-o", name]).exit_code == 0
+    found = re.search(r'viewBox="[-0-9.]+ [-0-9.]+ ([0-9.]+) ([0-9.]+)"', Path("a.svg").read_text(encoding="utf-8"))
+    assert found is not None and Path("a.pdf").read_bytes().startswith(b"%PDF")
+    height, width = imread("a.png").shape[:2]
+    assert width / height == pytest.approx(float(found[1]) / float(found[2]), rel=0.01)  # whole pixels
+    monkeypatch.setitem(sys.modules, "cairosvg", None)
+    run = CliRunner().invoke(main, ["draw", "quarter_car", "-o", "b.png"])
+    assert run.exit_code == 2 and "heavebond[pictures]" in run.output and "b.svg" in run.output
 
 
 def test_the_command_says_what_is_wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
