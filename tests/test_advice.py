@@ -129,10 +129,11 @@ def test_a_redundant_crank_is_named_and_without_it_the_machine_runs() -> None:
         hb.simulate(hb.loads(PARALLELOGRAM))
     text = str(caught.value)
     assert "redundant" in text and "'k1'" in text and ".h" not in text
+    # it stays clear of phi = 0, where all links lie in one line
     without = re.sub(r"  (p1|k1|q1|g1): .*\n|  (g1|c1|e1): .*\n", "", PARALLELOGRAM).replace("q1.b, ", "") \
-        .replace("c1.phi: ~ 60 deg, ", "")
+        .replace("c1.phi: ~ 60 deg, ", "").replace("until: 0.8 s", "until: 0.5 s")
     run = hb.simulate(hb.loads(without))
-    exact = solve_ivp(lambda t, y: [y[1], -9.80665 * np.cos(y[0])], (0, 0.8), [np.pi / 3, 0], rtol=1e-10, atol=1e-12)
+    exact = solve_ivp(lambda t, y: [y[1], -9.80665 * np.cos(y[0])], (0, 0.5), [np.pi / 3, 0], rtol=1e-10, atol=1e-12)
     assert run.display["phi"][-1] == pytest.approx(np.degrees(exact.y[0, -1]), abs=0.01)  # the integration's own error
 
 
@@ -210,7 +211,7 @@ def drive_and_response(tmp_path: Path, change: dict[str, np.ndarray] | None = No
     text = MOTION.replace("  t: {is: TrapezoidalMotion, end: 1 m, v: 0.5 m/s, a: 1 m/s**2}\n", "") \
         .replace("u: [t.y, p.u], ", "").replace("until: 4 s", "until: 12 s") \
         .replace("c: 10 kN/m, d: 2 kN*s/m", "c: 4 kN/m, d: 400 N*s/m") \
-        .replace("{is: PositionSource}", '{is: PositionSource, u: "=30 mm*sin(3 rad/s*time) + 20 mm*sin(1.1 rad/s*time)"}')
+        .replace("{is: PositionSource}", '{is: PositionSource, u: "=30 mm*sin(5 rad/s*time) + 20 mm*sin(2.3 rad/s*time)"}')
     (tmp_path / "rig.yaml").write_text(text)
     run = hb.simulate(hb.loads(text))
     noise = np.random.default_rng(3).standard_normal((2, len(run.time)))

@@ -77,7 +77,8 @@ def _differentiable(residual: ca.SX, switches: Iterable[TimeSwitch], time: ca.SX
         derivatives.append(ca.jacobian(derivatives[-1], time))
     course = at(derivatives[1:])
     before, after = (np.array([np.array(course(t)).ravel() for t in passed + side * beside]) for side in (-1, 1))
-    size = np.maximum(np.abs(before), np.abs(after)).max(axis=0, initial=0.0)
+    between = [passed[:1] - 1.0, (passed[1:] + passed[:-1]) / 2, passed[-1:] + 1.0]
+    size = np.abs([np.array(course(t)).ravel() for t in np.concatenate(between)]).max(axis=0, initial=0.0)
     return bool((np.abs(after - before) <= CONTINUOUS * size).all())
 
 

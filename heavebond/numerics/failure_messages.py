@@ -65,7 +65,7 @@ def explain_failure(stop: Stop, first: Start, said: str, rtol: float) -> Simulat
     if stop.last is not None:
         cause, notes = _cause(stop.assembly, first, stop.last, loosen)
         hint = FOLDED if stop.folded else cause or hint
-        hint += _without_mass(stop.assembly, stop.last)
+        hint += "" if stop.folded else _without_mass(stop.assembly, stop.last)
         if lawless := [path for path, leaf in stop.assembly.flat.expanded.leaves.items() if leaf.component.placeholder]:
             have = f"{listing(lawless, 4)} {'have' if len(lawless) > 1 else 'has'}"
             hint = f"{have} no law, and what placeholders give is constant: write the laws first. {hint}"
@@ -117,7 +117,9 @@ def _without_mass(assembly: Assembly, last: Point) -> str:
     speeds = {flat.names[name] for domain in [flat.domains.get(node)] if domain for member in domain.across
               if (name := f"{node}.{member}") in flat.names}
     j = reduced.states[k][0]
-    if any(i in speeds or (i, order) == (j, 1) for i, order in reduced.states):
+    n = len(flat.unknowns)
+    rigid = any(packed % n == j for i, _ in reduced.differentiated for packed, _ in flat.entries[i])
+    if rigid or any(i in speeds or (i, order) == (j, 1) for i, order in reduced.states):
         return ""
     name, value = inertia
     part = f"{node}_{name.lower()}"
