@@ -65,8 +65,7 @@ def test_a_rigid_mass_follows_a_motion_whose_speed_is_continuous() -> None:
     run = hb.simulate(hb.loads(RIGID))
     inside = np.abs(run.time[:, None] - [0, 0.5, 2, 2.5]).min(axis=1) > 1e-3
     expected = 100 * ((run.time < 0.5) * 1.0 - ((run.time > 2) & (run.time < 2.5)))
-    assert np.abs(-run["F"] - expected)[inside].max() == pytest.approx(0, abs=1e-6) or \
-        np.abs(run["F"] - expected)[inside].max() == pytest.approx(0, abs=1e-6)
+    assert np.abs(-run["F"] - expected)[inside].max() == pytest.approx(0, abs=1e-6)  # rounding of the second derivative
     run = hb.simulate(hb.loads(formula("0.1 m/s**2*max(time - 1 s, 0 s)**2")))
     assert np.abs(run["F"][run.time > 1.01]) == pytest.approx(20, abs=1e-6)  # m * 2 * 0.1 m/s**2
     assert np.abs(run["F"][run.time < 0.99]).max() == 0
@@ -133,7 +132,7 @@ def test_a_redundant_crank_is_named_and_without_it_the_machine_runs() -> None:
     without = re.sub(r"  (p1|k1|q1|g1): .*\n|  (g1|c1|e1): .*\n", "", PARALLELOGRAM).replace("q1.b, ", "") \
         .replace("c1.phi: ~ 60 deg, ", "").replace("until: 0.8 s", "until: 0.5 s")
     run = hb.simulate(hb.loads(without))
-    exact = solve_ivp(lambda t, y: [y[1], -9.80665 * np.cos(y[0])], (0, 0.5), [np.pi / 3, 0], rtol=1e-10, atol=1e-12)
+    exact = solve_ivp(lambda t, y: [y[1], -9.81 * np.cos(y[0])], (0, 0.5), [np.pi / 3, 0], rtol=1e-10, atol=1e-12)
     assert run.display["phi"][-1] == pytest.approx(np.degrees(exact.y[0, -1]), abs=0.01)  # the integration's own error
 
 

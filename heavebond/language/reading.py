@@ -438,17 +438,17 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems, kinds:
         elif isinstance(item, Mapping) and "values" in item.items:
             settings.update(column_values(item, name, source, problems))
         elif isinstance(item, Mapping) and {*item.items} == {"value", "unit"}:
-            number, unit = (text(item.items[word], word, problems) for word in ("value", "unit"))
+            size, unit = (text(item.items[word], word, problems) for word in ("value", "unit"))
             problems.add("not-a-quantity", f"{key.text}.{name} is a mapping; a value and its unit are one text", item.place,
-                         hint=f"Write `{name}: {number} {unit}`.")
+                         hint=f"Write `{name}: {size} {unit}`.")
         elif isinstance(item, Mapping):
             read = file_input(item, source, problems, f"{key.text}.{name}")
             if read:
                 settings[name] = read
         elif isinstance(item, Sequence):
             settings.update(elements(item, name, f"{key.text}.{name}", problems))
-        elif (read := value(item, f"{key.text}.{name}", problems, partial(_declared, kinds, kind.text, name))) is not None:
-            settings[name] = read
+        elif (number := value(item, f"{key.text}.{name}", problems, partial(_declared, kinds, kind.text, name))):
+            settings[name] = number
     return Instance(key.text, kind.text, key.place, kind.place, settings, at, repeat, data)
 
 
