@@ -128,8 +128,8 @@ def test_feedback_is_told_once_for_all_records_and_of_a_driven_motion_as_a_react
     assert rows == [("first", "short"), ("", f"{servo}: first (the same in second, third)"), ("second", "short"),
                     ("third", "short")]
     text = ("model: m\ncomponents:\n  p: {is: PositionSource, u: {file: r.csv, column: x, unit: m, interpolation: linear, "
-            "time: {column: t, unit: s}}}\n  f: {is: ForceSource, u: {file: r.csv, column: x, unit: N, interpolation: linear, "
-            "time: {column: t, unit: s}}}\n  s: {is: Spring, c: 1 kN/m}\n  m: {is: Mass, m: 1 kg}\n"
+            "time: {column: t, unit: s}}}\n  f: {is: ForceSource, u: {file: r.csv, column: x, unit: N, interpolation: "
+            "linear, time: {column: t, unit: s}}}\n  s: {is: Spring, c: 1 kN/m}\n  m: {is: Mass, m: 1 kg}\n"
             "nodes: {a: [p.a, s.a], b: [s.b, m.a, f.a]}\n")
     (tmp_path / "r.csv").write_text("t,x\n0,0\n1,1\n2,0\n")
     assert prescribing_inputs(hb.assemble(hb.loads(text, tmp_path))) == {"p.u"}
