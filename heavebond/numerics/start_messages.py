@@ -11,7 +11,7 @@ from heavebond.core.errors import Place, Problem, Problems, StartError, listing
 from heavebond.core.presentation import readable
 from heavebond.equations import structural_messages
 from heavebond.equations.block_solver import Pivot
-from heavebond.equations.lost_rank import losses
+from heavebond.equations.lost_rank import assumed, losses
 from heavebond.language.library import is_bundled
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.matrices import dense, finite, null_space, scaled
@@ -86,7 +86,7 @@ def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> 
     # a default of 0 of the library is right everywhere
     numbers = [k for k, name in enumerate(assembly.parameter_names) if point.p[k] == 0
                and (leaf := flat.expanded.leaves.get(name.rpartition(".")[0])) is not None
-               and not (structural_messages.assumed(flat, name) and is_bundled(leaf.component.path))]
+               and not (assumed(flat, name) and is_bundled(leaf.component.path))]
     cured = [k for k in numbers if finite(replace(point, p=_moved(point.p, k, 1.0)))]
     if cured:
         names = listing((assembly.parameter_names[k] for k in cured), MOST_NAMED)
@@ -256,7 +256,7 @@ def _settling(equations: StartEquations, system: StartSystem, point: Point, size
     def rank(k: int) -> tuple[bool, bool, float]:  # a length for a position, what the diagram itself gives, what does most
         name = assembly.parameter_names[own[k]]
         unlike = flat.parameters[own[k]].unit.dimension not in asked
-        return unlike, structural_messages.assumed(flat, name), -float(effect[k])
+        return unlike, assumed(flat, name), -float(effect[k])
 
     chosen = sorted((k for k in range(len(own)) if effect[k] > 1e-6 * max(effect.max(), 1e-300)), key=rank)
     return [assembly.parameter_names[own[k]] for k in chosen[:MOST_NAMED // 2]]
