@@ -18,7 +18,8 @@ from heavebond.numerics.inputs import input_samples
 
 @dataclass(frozen=True)
 class ColumnCheckConstants:
-    """The constants of the checks for frozen sensors and swapped columns. Origin of all: records of machines at rest, and of steps.
+    """The constants of the checks for frozen sensors and swapped columns. Origin of all: records of machines at rest, and
+    of steps.
 
     frozen: least share of the samples of a record in which a frozen sensor repeats one value. Doubled: shorter failures are
         silent.
