@@ -79,7 +79,7 @@ def constraint_equations(flat: Flat, order: Sequence[int]) -> ConstraintEquation
     if not rows or len(rows) > LARGE:
         return None
     residuals = flat.residual_column[list(rows)]
-    if {s.element_hash() for s in ca.symvar(residuals)} & {s.element_hash() for k in flat.inputs for s in split(k.symbols)}:
+    if {s.element_hash() for s in ca.symvar(residuals)} & {s.element_hash() for k in flat.driving for s in split(k.symbols)}:
         return None
     columns = tuple(sorted({packed for i in rows for packed, _ in flat.entries[i]}))
     y = stack(flat.levels[0][j] for j in columns)

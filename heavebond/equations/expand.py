@@ -184,6 +184,9 @@ class _Opener:
             if bound is not None:
                 parameters[name] = bound
         integers = self._integers(component, parameters, outer)
+        if component.approximation and (self.model.approximate or integers.get(component.approximation.order)):
+            self._approximated(instance, component, prefix, outer, kinds, sheets)
+            return
         self._check_size(path, written_size(component, integers) + len(component.body.wires))
         component = written_out(component, integers)
         for name, parameter in component.parameters.items():
@@ -220,6 +223,25 @@ class _Opener:
                 f"parameters and variables; this number is reached at '{path}'",
                 outermost.place if outermost is not None else None,
                 "The parts of blocks inside blocks multiply: use fewer levels, fewer copies (`repeat`) or shorter lists.")])
+
+    def _approximated(self, instance: Instance, component: Component, prefix: str, outer: dict[str, int],
+                      kinds: tuple[str, ...], sheets: tuple[DataSheet, ...]) -> None:
+        """The component without history in the place of one with delayed variables, with what both have in common; the
+        order of the approximation is its default where none is given."""
+        approximation = component.approximation
+        assert approximation is not None
+        path = prefix + instance.name
+        other = self._component(replace(instance, kind=approximation.kind, kind_place=approximation.place), kinds)
+        if other is None:
+            return
+        common = {*other.parameters, *other.signals}
+        given = {name: value for name, value in instance.settings.items() if name in common}
+        order = given.get(approximation.order)
+        if order is not None and isinstance(order, Value) and whole_number(order.expr, outer) == 0:
+            del given[approximation.order]
+        unused = {f"{path}.{name}" for name in component.parameters if name not in common}
+        self.unused = {name: setting for name, setting in self.unused.items() if name not in unused}
+        self._instance(replace(instance, settings=given), other, prefix, outer, kinds, sheets)
 
     @staticmethod
     def _own(component: Component, name: str, path: str) -> Bound | None:

@@ -8,6 +8,7 @@ from enum import Enum
 from functools import cached_property
 
 import casadi as ca
+import numpy as np
 
 from heavebond.core.errors import ModelError, Place, Problems, listing
 from heavebond.core.units import (
@@ -47,7 +48,7 @@ from heavebond.equations.variation import Factor, factors, incidence
 from heavebond.language.definition import Domain, FileInput, Value
 from heavebond.language.incidence import EVERYTHING, Interval, classify
 from heavebond.language.model import Model
-from heavebond.language.symbols import nonsmooth, places, split, stack
+from heavebond.language.symbols import Context, evaluate, nonsmooth, places, split, stack
 from heavebond.language.template import LEVELS, Template, template
 from heavebond.language.values import add_formula_problem, check_dimension
 from heavebond.text.expression import ExpressionProblem, calling, constant, names, parse_formula
@@ -92,6 +93,20 @@ class KnownInput:
 
 
 @dataclass(frozen=True)
+class DelayedVariable:
+    """A delayed variable: symbols for its value and its first three derivatives, its source and its delay as expressions. Its
+    constant value before the start is the entry `index` of the parameters, which follows from the start."""
+
+    name: str
+    symbols: ca.SX
+    source: ca.SX
+    delay: ca.SX
+    index: int
+    place: Place
+    nominal: float
+
+
+@dataclass(frozen=True)
 class Energetics:
     """Power into the ports, rate of the stored energy, dissipation, unbalanced power, and the energy stored."""
 
@@ -131,6 +146,8 @@ class Flat:
     bonds: dict[str, Bond] = field(default_factory=dict)        # of the components
     block_bonds: dict[str, Bond] = field(default_factory=dict)  # of the blocks that they are in
     domains: dict[str, Domain] = field(default_factory=dict)    # by the path of a node or port
+    delays: tuple[DelayedVariable, ...] = ()
+    passed_through: tuple[str, ...] = ()  # delayed variables whose delay is zero: they equal their sources
     templates: dict[str, Template] = field(default_factory=dict, repr=False)
     # `also` and `widths`, with which `flatten` makes the same of the diagram; None if other equations were put in since
     options: tuple[tuple[str, ...], float] | None = None
@@ -144,6 +161,11 @@ class Flat:
     def residuals(self) -> tuple[ca.SX, ...]:
         """Each of the residuals."""
         return tuple(split(self.residual_column))
+
+    @property
+    def driving(self) -> tuple[KnownInput | DelayedVariable, ...]:
+        """What drives the equations as known functions of time: each has symbols for its value and three derivatives."""
+        return (*self.inputs, *self.delays)
 
     @cached_property
     def energetics(self) -> tuple[Energetics, ...]:
@@ -232,6 +254,8 @@ class _Builder:
         self.time, self.rate = ca.SX.sym("time"), ca.SX.sym("time_rate")
         self.constants = parameters.expressions
         self.inputs: list[KnownInput] = []
+        self.delays: list[DelayedVariable] = []
+        self.passed_through: list[str] = []
         self.equations: list[FlatEquation] = []
         self.pieces: list[ca.SX] = []  # residuals: columns are stacked far faster than their elements
         self.number = 0  # of all in these
@@ -263,6 +287,7 @@ class _Builder:
         self._node_equations()
         self._leaf_equations()
         self._given_inputs()
+        self._delayed_variables()
         self.problems.raise_as(ModelError)
         self._clocks()
         self.problems.raise_as(ModelError)
@@ -274,7 +299,8 @@ class _Builder:
                     tuple(self.equations), self.residuals, tuple(self.entries), self.names, self.constants,
                     self.parameters.units, tuple(self.energies), bounds, self.held, tuple(self.events), self.bonds,
                     self.block_bonds, {path: self.domains[group.domain] for group in self.network.groups
-                                       if group.domain in self.domains for path in group.aliases}, self.templates)
+                                       if group.domain in self.domains for path in group.aliases},
+                    tuple(self.delays), tuple(self.passed_through), self.templates)
         model = self.expanded.model
         shown = with_intervals(flat)
         return flat if shown is model.show else replace(flat, expanded=replace(
@@ -319,6 +345,8 @@ class _Builder:
             index = self.names.get(name)
             unit = self.unknowns[index].unit if index is not None else Unit(dimension_text(found), 1.0, 0.0, found)
             numbers.append(FlatParameter(f"initial.{name}", number, unit, condition.value.place))
+        numbers += [FlatParameter(f"history.{path}.{name}", 0.0, self.unknowns[self.names[f"{path}.{name}"]].unit, d.place)
+                    for path, leaf in self.expanded.leaves.items() for name, d in leaf.component.delayed.items()]
         self.parameters = self.parameters.joined(numbers)
         self.constants = self.parameters.expressions
 
@@ -459,6 +487,34 @@ class _Builder:
                               [(column, 0)])
                 else:
                     self._formula_input(path, column, bound, resolver, parameters)
+
+    def _delayed_variables(self) -> None:
+        """An equation for each delayed variable: it is a known function of time, or its source where the delay is zero."""
+        delayed = [(path, leaf, name, d) for path, leaf in self.expanded.leaves.items()
+                   for name, d in leaf.component.delayed.items()]
+        if not delayed:
+            return
+        index = {q.name: k for k, q in enumerate(self.parameters.independent)}
+        lengths = [evaluate(d.by.tree, Context(lambda text, _, path=path: self._given(f"{path}.{text}"), lambda e: ca.SX(0),
+                                               leaf.integers)) for path, leaf, _, d in delayed]
+        values = np.array(ca.Function("delays", [self.parameters.p], [stack(lengths)])(self.parameters.numbers)).ravel()
+        for (path, leaf, name, d), length, value in zip(delayed, lengths, values.tolist(), strict=True):
+            full, column, source = f"{path}.{name}", self.names[f"{path}.{name}"], self.names[f"{path}.{d.of}"]
+            if not value >= 0:
+                self.problems.add("delay-negative", f"the delay of {full} is {value:g} s", d.by.place,
+                                  hint="A signal cannot be known before it is there: give a time of 0 s or more.")
+            elif value == 0:
+                self.passed_through.append(full)
+                self._add(FlatEquation(path, "a delay of zero", f"{name} = {d.of}", d.place, subject=full),
+                          self._kept(self.columns[0][column] - self.columns[0][source])[0], [(column, 0), (source, 0)])
+            else:
+                symbols = stack([ca.SX.sym("d" * k + "delayed " + full) for k in range(4)])
+                self.delays.append(DelayedVariable(
+                    full, symbols, self.columns[0][source], length, index[f"history.{full}"], d.place,
+                    self.unknowns[column].nominal))
+                self._add(FlatEquation(path, f"{name} is {d.of}, delayed", f"{name} = {d.of}, {d.by.text} earlier", d.place,
+                                       role=EquationRole.MEASURED, subject=full),
+                          self._kept(self.columns[0][column] - symbols[0])[0], [(column, 0)])
 
     def _known_input(self, name: str, path: str, given: FileInput) -> KnownInput:
         unit = self.unknowns[self.names[path]].unit

@@ -40,7 +40,7 @@ def check_asked(model: Model, resolver: Resolver, parameters: Iterable[str], hel
         _shown(shown, resolver, problems)
     for condition in model.initial.conditions.values():
         _condition(condition, resolver, held, problems)
-    known = [p for p in parameters if not p.startswith(("initial.", "scale."))]
+    known = [p for p in parameters if not p.startswith(("initial.", "scale.", "history."))]
     for name, place in model.initial.solve.items():
         if name not in known:
             what = f"'{name}' is a variable; only a parameter can be solved for" if name in resolver.names else \

@@ -338,7 +338,7 @@ def _system(flat: Flat, chain: Chain, result: Pantelides, derived: frozenset[int
     top, n = max(chain.highest, default=0), len(flat.unknowns)
     columns = [*flat.columns, *(ca.SX.sym("d" * k + "v", n) for k in range(len(flat.columns), top + 2))]
     low, high = ca.vertcat(*columns[:-1]), ca.vertcat(*columns[1:])
-    for known in flat.inputs:
+    for known in flat.driving:
         low, high = stack([low, known.symbols[:-1]]), stack([high, known.symbols[1:]])
     rows = list(range(len(flat.equations)))
     every: list[Row] = [(i, 0) for i in rows]

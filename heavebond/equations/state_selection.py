@@ -89,7 +89,7 @@ def select_states(found: Constraints, p: Array) -> list[Column]:
     if not found.entries:
         return chosen_states(found, np.zeros(0))
     flat, guess = found.flat, InitialGuess(found.flat)(p)
-    symbols, known = ca.vertcat(*flat.columns), stack(k.symbols for k in flat.inputs)
+    symbols, known = ca.vertcat(*flat.columns), stack(k.symbols for k in flat.driving)
     at = ca.Function("H", [symbols, flat.p, flat.time, flat.rate, known], [found.values])
 
     def numbers(values: Array) -> Array:

@@ -166,6 +166,8 @@ def component_file(known: Library) -> Schema:
         "meaning": _said("the effect of another value in a sentence with fields, `Leakage of {C} in {part}.`")})
     variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,
                         "nominal": QUANTITY, "count": COUNT,
+                        "delayed": _object({"of": TEXT, "by": FORMULA}, ["of", "by"],
+                                           "it is another variable at an earlier time"),
                         "physical": _said("the limit below which a run ends with an error", QUANTITY),
                         "beyond": _said("what happens below `physical`, and which component models it")}, ["unit"])
     event = _object({**dict.fromkeys((*KINDS, "from", "impulse", "moves"), FORMULA), "then": _each(FORMULA),
@@ -186,6 +188,8 @@ def component_file(known: Library) -> Schema:
         "power": _said("`source`, or `controlled,` and why"), "requires": _said("relations between parameters", WORDS),
         "effect": _effect(domain), "sliding": _each(QUANTITY, "what makes its dry friction slide where it is linearised"),
         "placeholder": _said("why its law is missing"),
+        "approximation": _object({"is": TEXT, "order": TEXT}, ["is", "order"],
+                                 "the component without history that may take its place, and the whole number of its order"),
         "units": {"enum": ["unchecked"], "description": "its equations are between plain numbers in SI"}},
         ["component", "summary"])
 

@@ -40,7 +40,7 @@ from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquations
 
 AT_ONCE = 1e-6  # s; of the records only the beginning is needed
-DERIVED = ("scale.", "initial.")  # parameters of a run, not of the machine
+DERIVED = ("scale.", "initial.", "history.")  # parameters of a run, not of the machine
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,10 @@ from heavebond.core.errors import ModelError, Place, Problems, suggest
 from heavebond.core.units import DIMENSIONLESS, ONE, Unit, UnitProblem, check_unit, is_generic
 from heavebond.language import reading
 from heavebond.language.definition import (
+    Approximation,
     Body,
     Component,
+    Delayed,
     Domain,
     EquationLine,
     Formula,
@@ -33,7 +35,7 @@ T = TypeVar("T")
 COMPONENT_KEYS = (
     "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "initial", "when",
     "travel_time", "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain",
-    "symbol", "sliding", "units", "placeholder", "extends", "set")
+    "symbol", "sliding", "units", "placeholder", "extends", "set", "approximation")
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
 
 
@@ -93,7 +95,32 @@ class _Parser:
             sliding=self._sliding(root.items.get("sliding"), parameters, variables),
             placeholder=reading.text(root.items.get("placeholder"), "placeholder", problems),
             units_checked=self._units_checked(root.items.get("units")),
+            approximation=self._approximation(root.items.get("approximation"), parameters),
         )
+
+    def _approximation(self, node: Node | None, parameters: Dictionary[str, Parameter]) -> Approximation | None:
+        entry = reading.mapping(node, "approximation", self.problems, "Write `approximation: {is: PadeDelay, order: m}`.")
+        if entry is None:
+            return None
+        reading.known_keys(entry, ("is", "order"), "approximation", self.problems, ("is", "order"))
+        kind, order = (reading.text(entry.items.get(key), key, self.problems) for key in ("is", "order"))
+        if order and not (order in parameters and parameters[order].integer):
+            self.problems.add("approximation-order", f"`order: {order}` is no whole number of this component",
+                              entry.items["order"].place, hint="Declare it: `m: {integer, min: 0, default: 0}`.")
+        return Approximation(kind, order, entry.place)
+
+    def _delayed(self, node: Mapping, key: Scalar) -> Delayed | None:
+        """`delayed: {of: u, by: T}`; whether these names have a meaning is checked with the laws of the component."""
+        entry = reading.mapping(node.items.get("delayed"), "delayed", self.problems, "Write `delayed: {of: u, by: T}`.")
+        if entry is None:
+            return None
+        reading.known_keys(entry, ("of", "by"), f"delay of '{key.text}'", self.problems, ("of", "by"))
+        for other in ("held", "start", "physical", "count"):
+            if other in node.items:
+                self.problems.add("delayed-twice", f"'{key.text}' has `delayed:` and `{other}:`", node.keys[other].place,
+                                  hint="A delayed variable is one number that its source decides; leave the other key out.")
+        of, by = reading.text(entry.items.get("of"), "of", self.problems), self._formula(entry, "by")
+        return None if by is None else Delayed(of, by, entry.place)
 
     def _units_checked(self, node: Node | None) -> bool:
         said = reading.text(node, "units", self.problems)
@@ -208,8 +235,8 @@ class _Parser:
                          "instant" in node.items)
 
     def _variable(self, key: Scalar, node: Mapping) -> Variable:
-        reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count", "nominal", "physical", "beyond"),
-                           f"variable '{key.text}'", self.problems, ("unit",))
+        reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count", "nominal", "physical", "beyond",
+                                  "delayed"), f"variable '{key.text}'", self.problems, ("unit",))
         unit = reading.unit(node.items.get("unit"), self.problems)
         bounds = {name: self._bound(node, name, unit, key)
                   for name in ("min", "max", "start", "held", "nominal", "physical")}
@@ -230,7 +257,8 @@ class _Parser:
         count, columns = self._shape(node)
         return Variable(key.text, unit or DIMENSIONLESS, key.place,
                         reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
-                        bounds["start"], bounds["held"], count, bounds["nominal"], columns, bounds["physical"], beyond)
+                        bounds["start"], bounds["held"], count, bounds["nominal"], columns, bounds["physical"], beyond,
+                        self._delayed(node, key))
 
     def _bound(self, node: Mapping, name: str, unit: Unit | None, key: Scalar) -> float | None:
         """A bound or default in SI; its unit may be left out where the declared one is dimensionless or it is 0.

@@ -274,7 +274,8 @@ class Variable:
     known, `nominal` its typical size where that is not the usual one of its unit. A run ends where it falls below its
     `physical` limit; `beyond` says what happens there and what models it.
 
-    With `held`, the value that it starts at, it is no unknown: it is constant between events, which alone change it.
+    With `held`, the value that it starts at, it is no unknown: it is constant between events, which alone change it. With
+    `delayed` no equation of the component decides it: it is another variable at an earlier time.
     """
 
     name: str
@@ -290,6 +291,26 @@ class Variable:
     columns: Expr | None = None
     physical: float | None = None
     beyond: str = ""
+    delayed: Delayed | None = None
+
+
+@dataclass(frozen=True)
+class Delayed:
+    """The variable or signal `of` of the same component, delayed by a formula of its parameters; before the start it is constant."""
+
+    of: str
+    by: Formula
+    place: Place
+
+
+@dataclass(frozen=True)
+class Approximation:
+    """The component `kind` without history that takes the place of one with delayed variables: where the whole number
+    `order` is above 0, and in computations that keep no history."""
+
+    kind: str
+    order: str
+    place: Place
 
 
 @dataclass(frozen=True)
@@ -446,6 +467,7 @@ class Component:
     foreign: Foreign | None = None
     extends: tuple[str, ...] = ()
     values: dict[str, Value] = field(default_factory=dict)
+    approximation: Approximation | None = None
 
     @property
     def effect(self) -> Effect | None:
@@ -480,6 +502,11 @@ class Component:
     def unknowns(self) -> dict[str, Variable]:
         """The variables that its equations decide."""
         return {name: variable for name, variable in self.variables.items() if variable.held is None}
+
+    @property
+    def delayed(self) -> dict[str, Delayed]:
+        """The variables that are delayed ones."""
+        return {name: variable.delayed for name, variable in self.variables.items() if variable.delayed is not None}
 
     @property
     def held(self) -> dict[str, Variable]:

@@ -12,6 +12,7 @@ from heavebond.core.units import ONE, Dimension, declared_unit, dimension_text
 from heavebond.language import reading
 from heavebond.language.definition import (
     Component,
+    Delayed,
     Domain,
     EquationLine,
     Formula,
@@ -155,6 +156,8 @@ def _units(component: Component, domains: Domains, problems: Problems) -> None:
             _formula(formula, wanted, what, wanted_text, scope, problems)
     for requirement in component.requires:
         _formula(requirement, TRUTH, "requires", "a comparison, as in `x_max > x_min`", scope, problems)
+    for name, delayed in component.delayed.items():
+        _delayed(component, name, delayed, scope, problems)
     check_events(component, scope, Lengths(scope.length, exact=False), problems)
     check_initial(component, scope, problems)
 
@@ -179,6 +182,23 @@ def _formula(formula: Formula, wanted: Dimension, what: str, wanted_text: str, s
         here = "a comparison" if found == TRUTH else f"in {dimension_text(found)}"
         problems.add("units-differ", f"`{what}:` must be {wanted_text}; this is {here}", formula.place,
                      hint="Check the factors of the formula." if wanted != TRUTH else "Write a relation of parameters.")
+
+
+def _delayed(component: Component, name: str, delayed: Delayed, scope: Scope, problems: Problems) -> None:
+    """What is delayed is a signal or variable in the same unit, and the delay a time that follows from parameters."""
+    sources = {**component.signals, **component.unknowns}
+    source = sources.get(delayed.of)
+    if source is None or source.count is not None or delayed.of == name:
+        problems.add("delayed-unknown", f"'{name}' is delayed from '{delayed.of}', which is no other signal or variable of this "
+                     "component", delayed.place, hint=suggest(delayed.of, sources) or f"There are {listing(sources)}.")
+    elif source.unit.dimension != component.variables[name].unit.dimension:
+        problems.add("unit-wrong", f"'{name}' is in {component.variables[name].unit.text}, '{delayed.of}' in "
+                     f"{source.unit.text}", delayed.place, hint="Give both the same unit.")
+    _formula(delayed.by, SECOND, "by", "a time in s", scope, problems)
+    moving = [n for n in names(delayed.by.tree) if n.text not in component.parameters and n.text != "pi"]
+    if moving:
+        problems.add("delay-varies", f"the delay of '{name}' contains '{moving[0].text}', which is no parameter",
+                     delayed.by.place, hint="A delay is constant during a run: write it as a formula of parameters.")
 
 
 def _balance(component: Component, domains: Domains, problems: Problems) -> None:
@@ -217,7 +237,7 @@ def _own_unknowns(component: Component, domains: Domains) -> list[str]:
         unknowns += [f"{port.name}{index}.{member}" for index in copies for member in through]
     items: list[SignalPort | Variable] = [
         *(s for s in component.signals.values() if s.direction == "out" and s.name not in inner),
-        *component.unknowns.values()]
+        *(v for v in component.unknowns.values() if v.delayed is None)]
     for item in items:
         unknowns += [item.name] if item.count is None else [
             item.name + index for index in indices(item.count, item.columns, lambda expr: _integer(expr, component))]

@@ -64,6 +64,7 @@ class Model:
     solver: Scalar | None = None
     view: dict[str, ViewShape] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
+    approximate: bool = False  # components with delayed variables are replaced by their approximations
 
     def __repr__(self) -> str:
         sizes = count(len(self.body.instances), "part"), count(len(self.body.wires), "node"), count(len(self.show), "output")

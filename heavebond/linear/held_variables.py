@@ -405,7 +405,8 @@ class StartEvents:
         events = [i for i, event in enumerate(equations.events) if event.indicator is None
                   and _happens(event, float(first[i]), float(period[i]), point.t, same)]
         true = self._indicators(point) > 0
-        moved = PointSensitivity(np.zeros((len(point.x), 0)), np.zeros((0, 0)), np.zeros((len(point.p), 0)))
+        moved = PointSensitivity(np.zeros((len(point.x), 0)), np.zeros((0, 0)), np.zeros((len(point.p), 0)),
+                                 np.zeros((len(point.u), 0)))
         for _ in range(EVENTS.max_cascades if events else 0):
             point, events = equations.breaking(point, events)
             point, moved, yielded = equations.fire(point, moved, events, [np.zeros(0)] * len(events), np.zeros(0),

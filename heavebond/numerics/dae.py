@@ -33,6 +33,10 @@ T = TypeVar("T")
 MOST_NEWTON = 20  # steps to the algebraic unknowns from what IDAS interpolated
 # how often a signal may be differentiated
 DERIVATIVES = {"hold": 0, "linear": 1, "spline": 3}
+# A delayed variable is integrated in polynomials of so many terms, and has so many rows among the inputs (see
+# `substitute_inputs`).
+DELAY_TERMS = 8
+DELAY_ROWS = 3 + DELAY_TERMS
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,8 @@ class Assembly:
     """A diagram ready to run: x' = ode, 0 = alg in scaled unknowns, and every variable as a function of them.
 
     Argument order of all functions: (t, x, z, p, u, rate), x (n_x,) and z (n_z,) in SI, p (n_p,) the independent
-    parameters, u the polynomial pieces of the measured inputs at t (see `input_symbols`), rate 1 (0: inputs held still).
+    parameters, u the polynomial pieces of the measured inputs and of the delayed variables at t (see `substitute_inputs`),
+    rate 1 (0: inputs held still). With u = 0 a delayed variable has its value before the start.
     """
 
     reduced: Reduced
@@ -192,7 +197,7 @@ class Assembly:
     def _available(self) -> set[int]:
         """The hashes of the symbols that an expression may have in the end: the arguments and the measured inputs."""
         t, x, z, _, u, rate = self.arguments
-        others = (t, x, z, u, rate, *(k.symbols for k in self.flat.inputs))
+        others = (t, x, z, u, rate, *(k.symbols for k in self.flat.driving))
         return {*self.flat.places, *(s.element_hash() for a in others for s in ca.symvar(a))}
 
     def _derivative_name(self, symbol: ca.SX) -> str:
@@ -212,8 +217,8 @@ class Assembly:
         if z.numel() and ca.which_depends(value, z, 1, False)[0]:
             raise ExpressionProblem("derivative-of-loop", f"der({self.flat.unknowns[j].name}) is not available: it "
                                     "is solved for in an algebraic loop", 0)
-        low = stack([x, *[k.symbols[:-1] for k in self.flat.inputs]])
-        high = stack([self.reduced.ode, *[k.symbols[1:] for k in self.flat.inputs]])
+        low = stack([x, *[k.symbols[:-1] for k in self.flat.driving]])
+        high = stack([self.reduced.ode, *[k.symbols[1:] for k in self.flat.driving]])
         return ca.jtimes(value, low, high) + ca.jtimes(value, t, rate)
 
 
@@ -259,7 +264,7 @@ def build(reduced: Reduced) -> Assembly:
     problems.raise_as(ModelError)
     reduced = with_impulses(reduced)
     flat = reduced.flat
-    u = ca.SX.sym("u", 1 + 4 * len(flat.inputs)) if flat.inputs else ca.SX(0, 1)
+    u = ca.SX.sym("u", measured_rows(flat) + DELAY_ROWS * len(flat.delays)) if flat.driving else ca.SX(0, 1)
     arguments = (flat.time, reduced.x, reduced.z, flat.p, u, flat.rate)
     values = reduced.unknowns()
 
@@ -312,18 +317,47 @@ def _check_smoothness(reduced: Reduced, expressions: list[ca.SX]) -> None:
     problems.raise_as(ModelError)
 
 
+def measured_rows(flat: Flat) -> int:
+    """The number of rows of u for the measured inputs."""
+    return 1 + 4 * len(flat.inputs) if flat.inputs else 0
+
+
+def delay_coefficients(flat: Flat) -> list[int]:
+    """The rows of u that hold the coefficients of the delayed variables."""
+    begin = measured_rows(flat)
+    return [begin + DELAY_ROWS * k + i for k in range(len(flat.delays)) for i in range(DELAY_ROWS - DELAY_TERMS, DELAY_ROWS)]
+
+
 def substitute_inputs(expression: ca.SX, flat: Flat, t: ca.SX, u: ca.SX) -> ca.SX:
-    """Measured inputs and their derivatives as the polynomial piece c0 + c1 s + c2 s**2 + c3 s**3, s = t - u[0]."""
-    used = {s.element_hash() for s in ca.symvar(expression)} if flat.inputs else set()
-    if not any(s.element_hash() in used for known in flat.inputs for s in split(known.symbols)):
+    """Measured inputs and their derivatives as the polynomial piece c0 + c1 s + c2 s**2 + c3 s**3, s = t - u[0].
+
+    A delayed variable has the rows (v, t_0, r, c_0 ... c_7): it is (1 - v) h + sum(c_i s**i), s = r (t - t_0), with h its
+    value before the start."""
+    used = {s.element_hash() for s in ca.symvar(expression)} if flat.driving else set()
+    if not any(s.element_hash() in used for known in flat.driving for s in split(known.symbols)):
         return expression
     symbols, pieces = [], []
-    s = t - u[0]
     for k, known in enumerate(flat.inputs):
+        s = t - u[0]
         c0, c1, c2, c3 = (u[1 + 4 * k + i] for i in range(4))
         symbols.append(known.symbols)
         pieces += [c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2 * c2 + s * 3 * c3), 2 * c2 + 6 * s * c3, 6 * c3]
+    for k, delayed in enumerate(flat.delays):
+        own = u[measured_rows(flat) + DELAY_ROWS * k:measured_rows(flat) + DELAY_ROWS * (k + 1)]
+        s, scale, terms = own[2] * (t - own[1]), ca.SX(1), split(own[DELAY_ROWS - DELAY_TERMS:])
+        symbols.append(delayed.symbols)
+        for order in range(delayed.symbols.numel()):
+            pieces.append(scale * _horner(terms, s) + ((1 - own[0]) * flat.p[delayed.index] if order == 0 else 0))
+            terms, scale = [i * c for i, c in enumerate(terms)][1:], scale * own[2]
     return ca.substitute(expression, stack(symbols), stack(pieces))
+
+
+def _horner(terms: Sequence[ca.SX], s: ca.SX) -> ca.SX:
+    """sum(terms[i] s**i)."""
+    value = terms[-1]
+    for term in reversed(terms[:-1]):
+        value = term + s * value
+    return value
 
 
 @dataclass(frozen=True)
@@ -422,7 +456,9 @@ def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: 
     replaced = ca.substitute(right, [x, z, rate], [x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
     rows = list(moving) if directions else []
     dp, whole = ca.SX.sym("dp", len(rows), directions), ca.SX.sym("dp", p.numel(), directions)
-    x_s, z_s, replaced = _augmented(x_s, z_s, p[rows], dp, replaced)
+    coefficients = delay_coefficients(assembly.flat) if directions else []
+    du = ca.SX.sym("du", len(coefficients), directions)
+    x_s, z_s, replaced = _augmented(x_s, z_s, p[rows], dp, replaced, u[coefficients], du)
     sizes = [r.numel() for r in replaced]
     stacked, = ca.cse([stack(replaced)])
     given, parametric = stack([p, ca.vec(dp)]), ca.SX(0, 1)
@@ -435,21 +471,23 @@ def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: 
     parts = ca.vertsplit(stacked, [0, *np.cumsum(sizes).tolist()])
     if not x_s.numel():  # an integrator needs a state: one that stays zero
         x_s, parts[0] = ca.SX.sym("x"), ca.SX(1, 1)
-    dae = {"x": x_s, "z": z_s, "p": constants, "u": u, "t": t, "ode": parts[0], "alg": parts[1]}
+    dae = {"x": x_s, "z": z_s, "p": constants, "u": stack([u, ca.vec(du)]) if coefficients else u, "t": t, "ode": parts[0],
+           "alg": parts[1]}
     if quadratures is not None:
         dae["quad"] = parts[2]
     return Integrand(dae, hoist)
 
 
-def _augmented(x: ca.SX, z: ca.SX, p: ca.SX, dp: ca.SX, right: list[ca.SX]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+def _augmented(x: ca.SX, z: ca.SX, p: ca.SX, dp: ca.SX, right: list[ca.SX], u: ca.SX, du: ca.SX
+               ) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
     """x, z and the right sides (ode, alg, quadratures) with the forward sensitivities along each column of dp, the moves of
-    some parameters p."""
+    some parameters p, and of du, those of some inputs u."""
     columns = dp.shape[1]
     if not columns:
         return x, z, right
     x_along, z_along = ca.SX.sym("X", x.numel(), columns), ca.SX.sym("Z", z.numel(), columns)
     # one Jacobian serves all columns, so that each partial derivative is written once
-    moved = ca.jacobian(stack(right), stack([x, z, p])) @ ca.vertcat(x_along, z_along, dp)
+    moved = ca.jacobian(stack(right), stack([x, z, p, u])) @ ca.vertcat(x_along, z_along, dp, du)
     ends = np.cumsum([0, *(side.numel() for side in right)]).tolist()
     both = [stack([side, ca.vec(moved[begin:end, :])]) for side, begin, end in zip(right, ends[:-1], ends[1:], strict=True)]
     return stack([x, ca.vec(x_along)]), stack([z, ca.vec(z_along)]), both

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem, SimulationError, either
-from heavebond.numerics.dae import Array, Integrand
+from heavebond.numerics.dae import DELAY_ROWS, Array, Integrand
+from heavebond.numerics.delays import DELAYS, Delays
 from heavebond.numerics.dynamic_state_selection import STATE_SELECTION, StateChoice, StateChoices, columns_of
 from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.initialise import Start, Tangent
@@ -30,7 +31,7 @@ from heavebond.numerics.looks import LookAhead, Looks
 from heavebond.numerics.solvers import Integrator, other
 from heavebond.numerics.start_equations import Point
 from heavebond.numerics.time_events import same_instant, timetable
-from heavebond.numerics.trace import EventState, Frame, Instant, Record, SolverChange, StateChange, Trace
+from heavebond.numerics.trace import Driven, EventState, Frame, Instant, Record, SolverChange, StateChange, Trace
 from heavebond.numerics.zero_crossings import crossing, suspects
 
 # What IDAS and CVODES say where the user interrupts, and where a run leads nowhere or crawls behind an event that is not
@@ -74,7 +75,8 @@ class EventIntegration:
 
     def __init__(self, charts: StateChoices, framed: Callable[[StateChoice], Frame], integrals: int, stops: Array,
                  inputs: Callable[[Array], Array], build: Build, solver: str, changes: bool = False, dense: bool = False,
-                 kinks: Array | None = None):
+                 kinks: Array | None = None, delays: Delays | None = None):
+        self.delays = delays
         self.first_solver, self.solver, self.changes, self.failed_at = solver, solver, changes, -np.inf
         self.dense = dense
         self.failures = Failures(0)
@@ -85,8 +87,11 @@ class EventIntegration:
         breaking = {i for i, _ in self.home.equations.breakaways}
         self.breakaways = np.array([i in breaking for i in self.conditions], dtype=bool)
         self.n_u = charts.home.assembly.arguments[4].numel()
+        self.n_along = 0 if delays is None else delays.m * len(delays.coefficients)  # rows after these: sensitivities
         self.span, self.same = float(stops[-1] - stops[0]) or 1.0, same_instant(float(stops[0]), float(stops[-1]))
-        self.ahead = LookAhead(stops, self.same, bool(self.conditions or charts.needed), bool(self.conditions))
+        looked_at = bool(self.conditions or delays)
+        self.ahead = LookAhead(stops, self.same, looked_at or charts.needed, looked_at,
+                               EVENTS.mean_steps if delays is None else DELAYS.mean_steps)
         self.kinks: Array = np.zeros(0) if kinks is None else kinks
         self.last: IntegratorCall | None = None
         self.reached = 0.0  # by the integrator in its own time where it failed
@@ -98,10 +103,15 @@ class EventIntegration:
             return self._run(first, moved)
 
     def _run(self, first: Start, moved: Tangent | None) -> Trace:
+        if self.delays is not None:
+            dp = np.zeros((len(first.p), 0)) if moved is None else moved.p
+            self.delays.begin_run(first.t, float(self.stops[-1]), first.p, dp)
         now = self._begin(first, moved)
         self.solver, self.failed_at, self.failures = self.first_solver, -np.inf, Failures(0)
         record = Record(now, self.stops, self.same, self.dense)
         self._write(now, record)
+        if self.delays is not None:
+            now = self._cut(now, np.zeros(now.blocks - 1))
         equations, begin = self.home.equations, now.t
         instants = equations.instants(now.p, now.dp)
         for time, events, delays in timetable(equations.events, instants, now.t, float(self.stops[-1])):
@@ -111,9 +121,30 @@ class EventIntegration:
         if record.true_at_start is None:
             record.true_at_start = self._true_at_start(now)
         self._over_kinks(now, float(self.stops[-1]), record)
-        trace = record.trace(self.integrals, self.inputs(self.stops)[: self.n_u])
-        return replace(trace, between=partial(record.between, self.integrals, lambda t: self.inputs(t)[: self.n_u])) \
-            if self.dense else trace
+        trace = record.trace(self.integrals, self._driven(self.stops))
+        return replace(trace, between=partial(record.between, self.integrals, self._driven)) if self.dense else trace
+
+    def _driven(self, times: Array) -> Driven:
+        """The inputs at times, and their sensitivities."""
+        inputs = self._inputs(times)
+        if self.delays is None:
+            return Driven(inputs[:self.n_u], np.zeros((0, 0, 0)))
+        along = self.delays.along(inputs[self.n_u:self.n_u + self.n_along], self.n_u)
+        return Driven(inputs[:self.n_u], along.transpose(1, 0, 2))
+
+    def _inputs(self, times: Array) -> Array:
+        """The integrator's inputs at times, with the pieces of delayed variables."""
+        inputs = self.inputs(times)
+        if self.delays is None:
+            return inputs
+        return np.vstack([inputs[:self.delays.offset], *self.delays.inputs(times), inputs[self.n_u:]])
+
+    def _call_inputs(self, begin: float, times: Array) -> Array:
+        """The same for the intervals of a call of the integrator."""
+        inputs = self.inputs((np.append(begin, times[:-1]) + times) / 2)
+        if self.delays is None:
+            return inputs
+        return np.vstack([inputs[:self.delays.offset], self.delays.call_inputs(begin, times), inputs[self.n_u:]])
 
     def _begin(self, first: Start, moved: Tangent | None) -> EventState:
         frame, assembly = self.home, self.home.assembly
@@ -147,8 +178,60 @@ class EventIntegration:
     def _over_kinks(self, now: EventState, limit: float, record: Record) -> EventState:
         """Go on to a time, from kink to kink."""
         for kink in self.kinks[(self.kinks > now.t + self.same) & (self.kinks < limit - self.same)].tolist():
-            now = self._until(now, kink, record)
-        return self._until(now, limit, record)
+            now = self._through(now, kink, record)
+            if self.delays is not None:
+                now = self._cut(now, np.zeros(now.blocks - 1))
+        return self._through(now, limit, record)
+
+    # -- delays ----------------------------------------------------------------------------------------------------
+    def _through(self, now: EventState, limit: float, record: Record) -> EventState:
+        """Go on to a time, from window to window where there are delays."""
+        if self.delays is None:
+            return self._until(now, limit, record)
+        while now.t < limit - self.same:
+            end, shortest = self.delays.open(now.t, limit)
+            self.ahead.longest = min(shortest, (end - now.t) / DELAYS.samples)
+            now = self._until(now, end, record)
+            if returned := self.delays.returned(now.t):
+                now = self._returned(now, returned, record)
+        return now
+
+    def _returned(self, now: EventState, returned: list[tuple[int, Array]], record: Record) -> EventState:
+        """Pass discontinuities of delayed variables, by their numbers and with their sensitivities (m,): the states are
+        continuous, what follows from them is solved for anew, and conditions may become true."""
+        assert self.delays is not None
+        delays, equations, moved, point = self.delays, now.frame.equations, self._moved(now), self._point(now)
+        delays.open(now.t, np.inf)
+        after, factors = self._driven(np.array([now.t])), self.inputs(np.array([now.t]))[self.n_u:, 0]
+        x, q, rates = moved.x.copy(), moved.q.copy(), equations.rates(point, factors) if now.blocks > 1 else None
+        for k, late in returned:
+            u, rows = point.u.copy(), slice(delays.offset + DELAY_ROWS * k, delays.offset + DELAY_ROWS * (k + 1))
+            u[rows] = after.u[rows, 0]
+            delays.check_jump(k, now.t, point.u[rows], u[rows])
+            point = equations.settled(replace(point, u=u), [])
+            if rates is not None:
+                then = equations.rates(point, factors)
+                x, q = x + np.outer(rates[0] - then[0], late), q + np.outer(rates[1] - then[1], late)
+                rates = then
+        moved = PointSensitivity(x, q, moved.p, after.along[:, :, 0].T)
+        return self._happen(now.standing(point, moved), [], [late for _, late in returned], record)
+
+    def _cut(self, now: EventState, late: Array) -> EventState:
+        """A discontinuity at a point, with its sensitivity: the history of the delays begins a new stretch."""
+        assert self.delays is not None
+        self.delays.cut(now.t, late)
+        self._sample(now, np.array([now.t]), now.y[:, None], now.z[:, None], DELAYS.beside * self.same)
+        return now
+
+    def _sample(self, now: EventState, times: Array, y: Array, z: Array, beside: float = 0.0) -> None:
+        """Add points (n,) to the history of the delays; functions of time are taken so much later."""
+        if self.delays is None or not len(times):
+            return
+        assembly, n, driven = now.frame.assembly, len(times), self._driven(times)
+        x, z = (values[:len(size) * now.blocks, :n].reshape(now.blocks, len(size), n).transpose(1, 0, 2) * size[:, None, None]
+                for values, size in ((y, assembly.x_nominal), (z, assembly.z_nominal)))
+        self.delays.sample(times, self.delays.values(assembly, times + beside, x, z, now.p, now.dp, driven.u,
+                                                     driven.along.transpose(1, 0, 2)))
 
     def _until(self, now: EventState, limit: float, record: Record) -> EventState:
         """Go on to a time, through the events of conditions on the way; what is passed is written down."""
@@ -173,10 +256,12 @@ class EventIntegration:
             found = self._first_event(now, times[:reached], y[:, :reached], z[:, :reached], record)
             if found is not None:
                 record.write(now, times[:found[0]], y, z)
+                self._sample(now, times[:found[0]], y, z)
                 now, halvings = self._happen(found[1], found[2], found[3], record, condition=True), 0
                 ahead.restart(self.changes)
                 continue
             self._passed(now, looks, reached, y, z, record, record.steps - steps)
+            self._sample(now, times[:reached], y, z)
             if not halvings and reached == len(times):
                 ahead.accept(now.t, looks, record.steps - steps)
             else:
@@ -312,6 +397,11 @@ class EventIntegration:
         values = old.values_in(chart, columns_of(point))[:, 0]
         n_x, moved = len(point.x), self._moved(now)
         if m := now.blocks - 1:
+            if self.delays is not None:
+                raise SimulationError([Problem(
+                    "delay-states-change", f"at t = {now.t:.6g} s the run goes on in other states, and it has sensitivities and "
+                    "delayed variables", self.delays.delays[0].place, "Approximate the delays without history (for a Delay "
+                    "`m: 3`), or run without sensitivities.")])
             along = old.along_in(chart, columns_of(point, m), moved.x, now.unscaled()[1][:, 1:], now.dp)
             moved = replace(moved, x=along[:n_x])
         changed = replace(now, frame=self._frames[id(chart)]).standing(replace(point, x=values[:n_x], z=values[n_x:]), moved)
@@ -331,10 +421,9 @@ class EventIntegration:
         key = (self.solver, n, looks.limited, longest)
         if key not in integrators:
             integrators[key] = self._build(self.solver, now.frame.own_time(longest), looks)
-        middle = (np.append(now.t, times[:-1]) + times) / 2
         a, d = np.full(n, now.t - self.stops[0]), np.full(n, self.last.step)
         try:
-            found = integrators[key](x0=now.y, z0=now.z, p=now.given, u=np.vstack([self.inputs(middle), a, d]))
+            found = integrators[key](x0=now.y, z0=now.z, p=now.given, u=np.vstack([self._call_inputs(now.t, times), a, d]))
         except RuntimeError as error:
             if looks.limited and _says(error, CRAWLS):
                 self.reached = float(integrators[key].stats()["tcur"])
@@ -346,7 +435,7 @@ class EventIntegration:
         return y, self._settled(now, y, z, times)
 
     def _settled(self, now: EventState, y: Array, z: Array, times: Array) -> Array:
-        return settled(now.frame.loops, y, z, now.given, times - self.stops[0], self.inputs(times))
+        return settled(now.frame.loops, y, z, now.given, times - self.stops[0], self._inputs(times))
 
     def before(self, stretch: IntegratorCall, stopped: float) -> Point:
         """A point of a stretch in which the integrator failed, shortly before it did if that can be reached."""
@@ -364,7 +453,7 @@ class EventIntegration:
     def _columns(self, frame: Frame, t: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
         """States and algebraic unknowns in SI and the inputs at times."""
         x_size, z_size = frame.assembly.x_nominal, frame.assembly.z_nominal
-        return y[: len(x_size)] * x_size[:, None], z[: len(z_size)] * z_size[:, None], self.inputs(t)[: self.n_u]
+        return y[: len(x_size)] * x_size[:, None], z[: len(z_size)] * z_size[:, None], self._inputs(t)[: self.n_u]
 
     def _indicators(self, now: EventState) -> tuple[Array, Array]:
         """Indicators and rates (n_c,) at one point."""
@@ -444,13 +533,17 @@ class EventIntegration:
     def _moved(self, now: EventState) -> PointSensitivity:
         m, n_q = now.blocks - 1, self.integrals // now.blocks
         q = now.y[len(now.y) - self.integrals + n_q:].reshape(m, n_q).T if n_q else np.zeros((0, m))
-        return PointSensitivity(now.unscaled()[0][:, 1:], q, now.dp)
+        u = self._driven(np.array([now.t])).along[:, :, 0].T if self.delays is not None else np.zeros((self.n_u, m))
+        return PointSensitivity(now.unscaled()[0][:, 1:], q, now.dp, u)
 
     def _happen(self, now: EventState, events: list[int], delays: list[Array], record: Record,
                 condition: bool = False) -> EventState:
-        """The events act, then those whose conditions become true by it; what stands there after all is written down."""
+        """The events act, then those whose conditions become true by it; what stands there after all is written down.
+        Without events a delayed variable has jumped, with its sensitivities in `delays`."""
         equations, begun = now.frame.equations, now
-        record.keep(now, np.array([now.t]), now.y[:, None], now.z[:, None])
+        if events:
+            record.keep(now, np.array([now.t]), now.y[:, None], now.z[:, None])
+            self._sample(now, np.array([now.t]), now.y[:, None], now.z[:, None], -DELAYS.beside * self.same)
         before = point = self._point(now)
         moved, happened, late, first = self._moved(now), list[int](), list[Array](), delays[0]
         factors = self.inputs(np.array([now.t]))[self.n_u:, 0]
@@ -461,7 +554,7 @@ class EventIntegration:
             begun = replace(now, true=now.true & (values + rates * self.same > 0))
         for _ in range(EVENTS.max_cascades):
             point, broken = equations.breaking(point, events)
-            known = dict(zip(events, delays, strict=True))
+            known = dict(zip(events, delays, strict=False))
             events, delays = broken, [known.get(i, first) for i in broken]
             point, moved, yielded = equations.fire(point, moved, events, delays, factors,
                                                    EVENTS.impact_time * min(self.span, 1.0))
@@ -483,12 +576,12 @@ class EventIntegration:
             raise self._chattering(now.t, events, "set off each other without end")
         if not happened:  # contacts at their limits only: no speed and no force jumps
             self._write(begun, record)
-            return begun
+            return begun if self.delays is None else self._cut(begun, first)
         equations.check_continuous(before, point, happened)
         names = tuple(equations.events[i].name for i in happened)
         record.instants.append(Instant(now.t, names, before, point, now.frame.assembly, np.array(late)))
         self._write(begun, record)
-        return begun
+        return begun if self.delays is None else self._cut(begun, first)
 
     def _check_chatter(self, time: float, events: list[int], record: Record) -> None:
         record.passed = [*record.passed[1 - EVENTS.sliding_events:], (time, tuple(events))]

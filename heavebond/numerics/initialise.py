@@ -75,7 +75,7 @@ def held_still(u: Array, t: float) -> Array:
     through samples has a slope at its end even where the machine was at rest, and a small one fills or empties a chamber
     that hardly leaks."""
     found = u.copy()
-    for k in range(1, len(u), 4):
+    for k in range(1, len(u) - 3, 4):
         found[k:k + 4] = np.polyval(u[k:k + 4][::-1], t - u[0]), 0.0, 0.0, 0.0
     return found
 

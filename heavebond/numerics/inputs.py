@@ -11,24 +11,26 @@ from heavebond.core.errors import DataError, Problem, Problems
 from heavebond.core.units import check_turns, other_unit, read_unit
 from heavebond.equations.flatten import Flat, KnownInput
 from heavebond.language.definition import FileInput
-from heavebond.numerics.dae import Array
+from heavebond.numerics.dae import DELAY_ROWS, Array
 from heavebond.records.measurements import Table, check_gaps, check_time, column, read_table, samples, timed
 from heavebond.records.piecewise import Pieces, align, pieces, smoothed_pieces
 
 
 @dataclass(frozen=True)
 class Pieced:
-    """Breaks (m+1,) and the columns u (1 + 4 n, m) of each piece: its first time, then four coefficients per input."""
+    """Breaks (m+1,) and the columns u (1 + 4 n, m) of each piece: its first time, then four coefficients per input. So many
+    rows of zeros follow for `delayed` variables, whose pieces are known during a run only."""
 
     breaks: Array
     columns: Array
+    delayed: int = 0
 
     def at(self, times: Array) -> Array:
         """The columns (1 + 4 n, N) that hold at the given times."""
         if not self.columns.size:
-            return np.zeros((0, len(times)))
+            return np.zeros((self.delayed, len(times)))
         index = np.clip(np.searchsorted(self.breaks, times, side="right") - 1, 0, self.columns.shape[1] - 1)
-        return self.columns[:, index]
+        return self.columns[:, index] if not self.delayed else np.pad(self.columns[:, index], ((0, self.delayed), (0, 0)))
 
     def inner_breaks(self, begin: float, end: float) -> Array:
         """The breaks strictly between."""
@@ -38,7 +40,7 @@ class Pieced:
 def pieced(flat: Flat, begin: float, end: float) -> Pieced:
     """Read every measured input of a model; DataError with file and line for what is wrong in a record."""
     if not flat.inputs:
-        return Pieced(np.zeros(0), np.zeros((0, 0)))
+        return Pieced(np.zeros(0), np.zeros((0, 0)), DELAY_ROWS * len(flat.delays))
     problems = Problems()
     found: list[Pieces] = []
     for known in flat.inputs:
@@ -50,7 +52,7 @@ def pieced(flat: Flat, begin: float, end: float) -> Pieced:
     breaks, coefficients = align(found, begin, end, names=[k.name for k in flat.inputs])
     n_pieces = len(breaks) - 1
     columns = np.vstack([breaks[:-1][None, :], coefficients.reshape(n_pieces, -1).T])
-    return Pieced(breaks, columns)
+    return Pieced(breaks, columns, DELAY_ROWS * len(flat.delays))
 
 
 def read_input(known: KnownInput, begin: float = -np.inf, end: float = np.inf) -> Pieces:

@@ -35,11 +35,13 @@ from heavebond.numerics.start_equations import Point
 
 @dataclass(frozen=True)
 class PointSensitivity:
-    """How a point moves along m directions: states (n_x, m), integrals (n_q, m), parameters and held variables (n_p, m)."""
+    """How a point moves along m directions: states (n_x, m), integrals (n_q, m), parameters and held variables (n_p, m), and
+    the pieces of delayed variables (n_u, m)."""
 
     x: Array
     q: Array
     p: Array
+    u: Array
 
 
 class EventEquations:
@@ -48,7 +50,7 @@ class EventEquations:
 
     def __init__(self, assembly: Assembly, quadratures: ca.SX, factors: ca.SX):
         self.assembly, self.events = assembly, assembly.flat.events
-        t, x, z, p, _, _ = arguments = list(assembly.arguments)
+        t, x, z, p, u, _ = arguments = list(assembly.arguments)
         self.conditions = [i for i, event in enumerate(self.events) if event.indicator is not None]
         indicators = assembly.express(stack(e.indicator for e in self.events if e.indicator is not None))
         resets = [reset for event in self.events for reset in event.resets]
@@ -65,8 +67,10 @@ class EventEquations:
         self._rates = ca.Function("rates", [*arguments, factors], [assembly.ode, quadratures])
         self._alg = ca.Function("alg", arguments, [assembly.alg])
         self._by_z = ca.Function("by_z", arguments, [ca.densify(ca.jacobian(assembly.alg, z))])
-        dt, dx, dz, dp = directions = [ca.SX.sym("d", a.numel()) for a in (t, x, z, p)]
-        moved = ca.jtimes(stack([assembly.alg, indicators, values]), stack([t, x, z, p]), stack([dt, dx, dz, dp]))
+        directions = [ca.SX.sym("d", a.numel()) for a in (t, x, z, p, u)]
+        moving = 5 if assembly.flat.delays else 4
+        moved = ca.jtimes(stack([assembly.alg, indicators, values]), stack([t, x, z, p, u][:moving]),
+                          stack(directions[:moving]))
         parts = ca.vertsplit(moved, np.cumsum([0, z.numel(), indicators.numel(), values.numel()]).tolist())
         self._along = ca.Function("along", [*arguments, *directions], parts)
         first, period = (assembly.express(stack(e.first for e in self.events)),
@@ -106,22 +110,22 @@ class EventEquations:
         if not self.has_loops or np.isfinite(rising).all():
             return values, rising
         rates = np.array(self.assembly.rates(*columns)[0]).reshape(len(x), n)
-        return values, self._directed(columns, np.ones((1, n)), rates, np.zeros((len(p), n)))[0]
+        return values, self._directed(columns, np.ones((1, n)), rates, np.zeros((len(p), n)), np.zeros_like(u))[0]
 
-    def _directed(self, columns: Sequence[Array], dt: Array, dx: Array, dp: Array) -> tuple[Array, Array]:
+    def _directed(self, columns: Sequence[Array], dt: Array, dx: Array, dp: Array, du: Array) -> tuple[Array, Array]:
         """The derivatives of indicators (n_c, N) and new values (n_r, N) along directions (., N), each at its own point;
         the algebraic unknowns follow."""
         n = dx.shape[1]
         n_z = len(columns[2])
         dz: Array = np.zeros((n_z, n))
         if self.has_loops:
-            moved = np.array(self._along(*columns, dt, dx, dz, dp)[0]).reshape(n_z, n)
+            moved = np.array(self._along(*columns, dt, dx, dz, dp, du)[0]).reshape(n_z, n)
             by_z = np.array(self._by_z(*columns)).reshape(n_z, n, n_z).transpose(1, 0, 2)
             try:
                 dz = np.asarray(-np.linalg.solve(by_z, moved.T[:, :, None])[:, :, 0].T, float)
             except np.linalg.LinAlgError:
                 raise self._undecided(columns, by_z) from None
-        _, indicators, values = self._along(*columns, dt, dx, dz, dp)
+        _, indicators, values = self._along(*columns, dt, dx, dz, dp, du)
         return np.array(indicators).reshape(-1, n), np.array(values).reshape(-1, n)
 
     def _undecided(self, columns: Sequence[Array], by_z: Array, when: str = "at") -> SimulationError:
@@ -131,18 +135,18 @@ class EventEquations:
         found = losses(self.assembly.reduced.system, self.assembly.point(float(t[0]), x, z, p, u))
         return undecided(self.assembly.flat, found, self.assembly.algebraic_names, f"{when} t = {t[0]:.6g} s")
 
-    def _at_one(self, point: Point, dt: Array, dx: Array, dp: Array) -> tuple[Array, Array]:
-        """As `_directed`, for m directions (dt (m,), dx (n_x, m), dp (n_p, m)) at one point."""
+    def _at_one(self, point: Point, dt: Array, dx: Array, dp: Array, du: Array) -> tuple[Array, Array]:
+        """As `_directed`, for m directions (dt (m,), dx (n_x, m), dp (n_p, m), du (n_u, m)) at one point."""
         m = dx.shape[1]
         columns = [np.tile(np.reshape(a, (-1, 1)), (1, m)) for a in point.values()]
-        return self._directed(columns, dt[None, :], dx, dp)
+        return self._directed(columns, dt[None, :], dx, dp, du)
 
     def delays(self, point: Point, moved: PointSensitivity, condition: int, slope: float) -> Array:
         """dT (m,) of the condition-th condition, met at a point where its indicator rises with `slope`."""
         m = moved.x.shape[1]
         if not m or not slope:
             return np.zeros(m)
-        indicators, _ = self._at_one(point, np.zeros(m), moved.x, moved.p)
+        indicators, _ = self._at_one(point, np.zeros(m), moved.x, moved.p, moved.u)
         return np.asarray(-indicators[condition] / slope)
 
     def check_continuous(self, before: Point, after: Point, happened: Sequence[int]) -> None:
@@ -171,7 +175,7 @@ class EventEquations:
             return point
         given = np.concatenate([[point.t], point.x, point.p, point.u, [point.rate]])
         found = replace(point, z=np.array(self._loops(point.z, given)).ravel())
-        what = " and ".join(f"'{self.events[i].name}'" for i in fired)
+        what = " and ".join(f"'{self.events[i].name}'" for i in fired) or "the jump of a delayed variable"
         if not np.isfinite(found.z).all():
             self._check_solvable(point, f"after {what} at")
         residual = np.abs(np.array(self._alg(*found.values())).ravel())
@@ -179,7 +183,7 @@ class EventEquations:
         if not np.all(residual <= 1e-6 * gradient):
             raise SimulationError([Problem(
                 "event-inconsistent", f"after {what} at t = {point.t:.6g} s no {listing(self.assembly.algebraic_names, 4)} "
-                "satisfies the equations", self.events[fired[0]].place, "A valve that shuts a volume-free line does this, "
+                "satisfies the equations", self.events[fired[0]].place if fired else None, "A valve that shuts a volume-free line does this, "
                 "or a state that was set to a value that a constraint forbids.")])
         return found
 
@@ -201,7 +205,7 @@ class EventEquations:
         if not self.has_loops or not m:
             return np.zeros((len(point.z), m))
         columns = [np.tile(np.reshape(a, (-1, 1)), (1, m)) for a in point.values()]
-        residual = np.array(self._along(*columns, np.zeros((1, m)), moved.x, np.zeros((len(point.z), m)), moved.p)[0])
+        residual = np.array(self._along(*columns, np.zeros((1, m)), moved.x, np.zeros((len(point.z), m)), moved.p, moved.u)[0])
         return -np.linalg.solve(np.array(self._by_z(*point.values())), residual.reshape(-1, m))
 
     def yielding(self, point: Point, fired: Sequence[int], touch: float) -> tuple[Point, list[int]]:
@@ -287,7 +291,7 @@ class EventEquations:
         x_rate, _ = before = self.rates(begun, factors)
         for event, delay in zip(fired, delays, strict=True):
             now = self.settled(self._set(now, values, event), fired)
-            _, new = self._at_one(point, delay, moved.x + np.outer(x_rate, delay), moved.p)
+            _, new = self._at_one(point, delay, moved.x + np.outer(x_rate, delay), moved.p, moved.u)
             after = self.rates(now, factors)
             x += np.outer(before[0] - after[0], delay)
             q += np.outer(before[1] - after[1], delay)
@@ -298,7 +302,7 @@ class EventEquations:
                 if held is not None:
                     p[held] = new[row]
             before = after
-        return now, PointSensitivity(x, q, p), yielded
+        return now, PointSensitivity(x, q, p, moved.u), yielded
 
     def would_change(self, point: Point, event: int) -> bool:
         """Whether the event would set anything at a point to another value than it has there."""

@@ -57,8 +57,9 @@ class LookAhead:
     """The next points of a run to go to: of the stops, where conditions or choices of states need it of a grid of
     `EVENTS.min_checks`, and with `dense` of intervals that follow the steps of the integrator."""
 
-    def __init__(self, stops: Array, same: float, needed: bool, dense: bool):
-        self.same, self.dense, self.needed = same, dense, needed
+    def __init__(self, stops: Array, same: float, needed: bool, dense: bool, mean_steps: float = EVENTS.mean_steps):
+        """`mean_steps` are those of the integrator between two points."""
+        self.same, self.dense, self.needed, self.mean_steps = same, dense, needed, mean_steps
         span = float(stops[-1] - stops[0]) or 1.0
         self.base, self.shortest = stops, max(span * EVENTS.shortest_interval, same / FIRST[0])
         if needed:
@@ -67,6 +68,7 @@ class LookAhead:
                 parts = max(int(np.ceil((end - begin) / span * EVENTS.min_checks * (1 - 1e-9))), 1)
                 found.append(np.append(begin + (end - begin) / parts * np.arange(1, parts), end))
             self.base = np.concatenate(found)
+        self.longest = np.inf  # interval between two points in any case
         self.interval, self.widest = np.inf, float(np.diff(self.base).max(initial=0.0))  # between two points
         self.points = self.spent = 0  # steps since the last point of the base
         self.restart(False)
@@ -89,7 +91,7 @@ class LookAhead:
         if len(times) < self.points or times[-1] >= limit - self.same:
             times = np.append(times[times < limit - self.same], limit)
         gap = float(times[0]) - begin
-        parts = 2 ** int(np.ceil(np.log2(max(gap / self.interval * (1 - 1e-9), 1.0))))
+        parts = 2 ** int(np.ceil(np.log2(max(gap / min(self.interval, self.longest) * (1 - 1e-9), 1.0))))
         if halvings:
             return Looks.at(np.array([begin + gap / max(parts // self.points, 1) / 2**halvings]))
         if not self.dense:
@@ -115,8 +117,8 @@ class LookAhead:
         passed = np.searchsorted(self.base, looks.times[-1] + self.same) > np.searchsorted(self.base, begin + self.same)
         self.spent = 0 if passed else self.spent + steps
         mean = max(steps - EVENTS.steps_at_begin, 0) / looks.even
-        grown = min(EVENTS.mean_steps / max(2 * mean, 1e-9), EVENTS.growth)
-        if self.dense and mean > EVENTS.mean_steps:
+        grown = min(self.mean_steps / max(2 * mean, 1e-9), EVENTS.growth)
+        if self.dense and mean > self.mean_steps:
             self.interval = interval / 2
         elif self.dense and self.interval < np.inf and grown >= 2:
             self.interval = grown * interval if grown * interval < self.widest else np.inf

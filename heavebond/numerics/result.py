@@ -44,7 +44,7 @@ FORMULA_LENGTH = 80  # of a function of time in a finding
 class ForwardSensitivities:
     """Forward sensitivities in SI: d x / d p_k (m, n_x, N), d z / d p_k (m, n_z, N), how all parameters move with the
     k-th (m, n_p): itself by 1, those under `solve:` as the start requires; d quadratures / d p_k (m, n_q, N); and how the
-    held variables do (m, n_h, N)."""
+    held variables do (m, n_h, N), and the pieces of delayed variables (m, n_u, N; None where there are none)."""
 
     names: tuple[str, ...]
     x: Array
@@ -52,6 +52,7 @@ class ForwardSensitivities:
     p: Array
     quadratures: Array
     held: Array
+    u: Array | None = None
 
 
 Stayed = tuple[NDArray[np.intp], "Result"]
@@ -339,9 +340,9 @@ class Probe:
 
     def __init__(self, assembly: Assembly, names: Iterable[str], si: bool = False):
         self.assembly, self.names, self.si = assembly, tuple(names), si
-        _, x, z, p, _, _ = assembly.arguments
+        _, x, z, p, u, _ = assembly.arguments
         signals = stack([signal_expression(assembly, name, si) for name in self.names])
-        self.signals, self._by = signals, stack([x, z, p])
+        self.signals, self._by = signals, stack([x, z, p, u] if assembly.flat.delays else [x, z, p])
         self._others: dict[int, Probe] = {}
 
     @cached_property
@@ -372,13 +373,14 @@ class Probe:
         """Their derivatives with respect to the parameters of `result.along` (m, n_signals, N)."""
         assert result.along is not None
         along, n_x, n = result.along, len(result.x), len(result.time)
-        n_xz = n_x + len(result.z)
+        n_xz, n_p = n_x + len(result.z), len(result.p)
         held = {h.index: k for k, h in enumerate(result.assembly.flat.held)}
         moving, course = self._slopes
         moved = np.zeros((len(along.names), len(moving), n))
         for k, j in enumerate(moving):
             moved[:, k] = along.x[:, j] if j < n_x else along.z[:, j - n_x] if j < n_xz else \
-                along.held[:, held[j - n_xz]] if j - n_xz in held else along.p[:, j - n_xz, None]
+                along.held[:, held[j - n_xz]] if j - n_xz in held else along.p[:, j - n_xz, None] if j - n_xz < n_p else \
+                along.u[:, j - n_xz - n_p]
         slopes = course.of(result).reshape(len(moving), len(self.names), n)
         found = np.einsum("ksn,mkn->msn", slopes, moved)
         for at, stay in result.stays:

@@ -19,6 +19,7 @@ from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
 from heavebond.numerics.co_simulation import check_allowed
 from heavebond.numerics.dae import Array, Assembly, Factors, Integrand, integrand, newton_loops, substitute_inputs, summed
+from heavebond.numerics.delays import DELAYS, Delays
 from heavebond.numerics.dynamic_state_selection import StateChoice, StateChoices
 from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.event_integration import EventIntegration, reason, settled
@@ -36,7 +37,7 @@ from heavebond.numerics.result import ForwardSensitivities, Result, Settle, Stay
 from heavebond.numerics.sizes import SIZES, far_below, fitting_sizes
 from heavebond.numerics.solvers import DEFAULT, RETYPE, Choice, Explicit, Integrator, algebraic_left, chosen, integrator
 from heavebond.numerics.start_equations import Point, StartEquations
-from heavebond.numerics.time_events import clocks_at
+from heavebond.numerics.time_events import clocks_at, same_instant
 from heavebond.numerics.time_search import rounding
 from heavebond.numerics.trace import Frame, Points, Trace
 
@@ -155,7 +156,7 @@ class Simulator:
         """Whether runs are integrated in stretches: a method of several steps takes what it knows from before a kink
         across."""
         kinked = len(self.kinks) and self.solver.name != "rosenbrock"
-        return bool(self.assembly.flat.events or self.charts.needed or kinked)
+        return bool(self.assembly.flat.events or self.charts.needed or kinked or self.assembly.flat.delays)
 
     @property
     def _counts_kinks(self) -> bool:
@@ -172,13 +173,18 @@ class Simulator:
         self.switching = self._switching(self.charts, changes=True)
 
     def _switching(self, charts: StateChoices, changes: bool = False) -> EventIntegration:
+        tolerances = self.solver.controlled(self.tolerances)
+        delays = Delays(self.assembly, len(self.sensitivities), same_instant(float(self.stops[0]), float(self.stops[-1])),
+                        tolerances.rtol, tolerances.atol) if self.assembly.flat.delays else None
+
         def build(name: str, made: Integrand, looks: Looks) -> Integrator:
-            most = EVENTS.steps_per_check if looks.limited else EVENTS.steps_in_chart if charts.needed \
+            most = EVENTS.steps_per_check if looks.limited and delays is None else \
+                DELAYS.steps_per_sample if looks.limited else EVENTS.steps_in_chart if charts.needed \
                 else EVENTS.steps_ahead if len(looks.times) > 1 else EVENTS.steps_between
-            return integrator(name, made, looks.grid, self.solver.controlled(self.tolerances), most)
+            return integrator(name, made, looks.grid, tolerances, most)
 
         return EventIntegration(charts, self._framed, self.integrals, self.stops, self.inputs, build, self.solver.name,
-                                changes, self.dense, self.kinks)
+                                changes, self.dense, self.kinks, delays)
 
     @cached_property
     def integrand(self) -> Integrand:
@@ -273,9 +279,10 @@ class Simulator:
         """One run from given states x (n_x,) in SI instead of the diagram's start; after the parameters, the
         sensitivities are with respect to these states (needs `free_start`)."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
-        if not all(event.by_clock for event in assembly.flat.events):
-            raise UsageError([Problem("events-midway", "a run cannot begin midway where a diagram has events: what is held "
-                                      "there is not known", None, "Run it from its start.")])
+        if assembly.flat.delays or not all(event.by_clock for event in assembly.flat.events):
+            what, unknown = ("delayed variables", "their history") if assembly.flat.delays else ("events", "what is held there")
+            raise UsageError([Problem("events-midway", f"a run cannot begin midway where a diagram has {what}: {unknown} is not "
+                                      "known", None, "Run it from its start.")])
         if (held := clocks_at(assembly, float(self.time[0]), assembly.p)) is not assembly.p:
             assembly = replace(assembly, p=held)
         n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
@@ -333,8 +340,10 @@ class Simulator:
                 along = None if moved is None else ForwardSensitivities(
                     self.sensitivities, _by_direction(x[n_x:, points], sizes), _by_direction(z[n_z:, points], sizes),
                     (moved.p / sizes).T, _by_direction(found.quadratures[n_q:, points], sizes),
-                    found.held_along[..., points] / sizes[:, None, None])
-                return Result(of, times[at], x[:n_x, points], z[:n_z, points], self.pieces.at(times[at]), first.p, first,
+                    found.held_along[..., points] / sizes[:, None, None],
+                    None if found.driven is None else found.driven.along[..., points] / sizes[:, None, None])
+                u = self.pieces.at(times[at]) if found.driven is None else found.driven.u[:, points]
+                return Result(of, times[at], x[:n_x, points], z[:n_z, points], u, first.p, first,
                               statistics, found.quadratures[:n_q, points], along, found.held[:, points], instants, stays)
 
             others = ((np.flatnonzero(stay.at[keep]), stay) for stay in found.stays)
@@ -397,7 +406,8 @@ class Simulator:
         chosen = np.unique(np.linspace(0, min(last, len(self.stops) - 1), SIZES.points).astype(int))
         times, n = self.stops[chosen], len(chosen)
         columns = (times[None, :], found.x[:len(first.x), chosen], found.z[:len(first.z), chosen],
-                   np.tile(first.p[:, None], (1, n)), self.pieces.at(times), np.ones((1, n)))
+                   np.tile(first.p[:, None], (1, n)),
+                   self.pieces.at(times) if found.driven is None else found.driven.u[:, chosen], np.ones((1, n)))
         steps = found.statistics.get("nsteps", len(self.stops))
         assert isinstance(steps, int)
         steps = steps * last // (len(self.stops) - 1)

@@ -175,14 +175,17 @@ class StartEquations:
         self.assembly = assembly
         self.initial = assembly.model.initial
         names = assembly.parameter_names
-        self.solved_for = [names.index(name) for name in self.initial.solve]
+        delays = assembly.flat.delays
+        self.solved_for = [*(names.index(name) for name in self.initial.solve), *(d.index for d in delays)]
         self.steady = self.initial.mode == "steady"
         self.loops = [StartRow(g, _words(e), e.place) for g, e in zip(
             split(assembly.alg), assembly.reduced.alg_equations, strict=True)]
         held = {h.name for h in assembly.flat.held}  # what these start at stands among the parameters
         conditions = [c for c in self.initial.conditions.values() if c.name not in held]
         self.component_rows = [] if self.steady else self._of_components(conditions)
-        self.rows = [*self.loops, *(self._condition(c) for c in conditions if not c.guess), *self._mode()]
+        before = [StartRow(assembly.arguments[3][d.index] - assembly.express(d.source), f"{d.name} before the start", d.place)
+                  for d in delays]
+        self.rows = [*self.loops, *(self._condition(c) for c in conditions if not c.guess), *before, *self._mode()]
         self.guesses = [self._condition(c) for c in conditions if c.guess and self._decides(c)]
         self.guess = InitialGuess(assembly.flat)
 

@@ -243,7 +243,7 @@ def _settling(equations: StartEquations, system: StartSystem, point: Point, size
     """Parameters of components that would settle a contradiction if they were solved for, those that matter most first."""
     null, _ = _dependent(system, point, sizes)
     assembly, flat = equations.assembly, equations.assembly.flat
-    own = [k for k, name in enumerate(assembly.parameter_names) if not name.startswith(("initial.", "scale."))
+    own = [k for k, name in enumerate(assembly.parameter_names) if not name.startswith(("initial.", "scale.", "history."))
            and "." in name and k not in equations.solved_for]
     if not own or not null.size:
         return []

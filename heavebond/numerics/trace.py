@@ -62,11 +62,20 @@ class AlternativeStates:
 
 
 @dataclass(frozen=True)
+class Driven:
+    """The inputs u (n_u, N) at the stops of a run with delayed variables, and their sensitivities (m, n_u, N)."""
+
+    u: Array
+    along: Array
+
+
+@dataclass(frozen=True)
 class Trace:
     """A run at its stops: x, z, integrals with all blocks of sensitivities, the held variables (n_h, N) and their
     sensitivities (m, n_h, N), the events, and the stops at which other states were integrated. `between` gives times and the
     run at these (at the stops, at points between them, and on both sides of events), and a function that gives the algebraic
-    unknowns at points by their numbers, where those of the run have yet to be solved for."""
+    unknowns at points by their numbers, where those of the run have yet to be solved for. `driven` are the inputs, where
+    they are not known before the run."""
 
     x: Array
     z: Array
@@ -76,6 +85,7 @@ class Trace:
     instants: tuple[Instant, ...]
     statistics: dict[str, object]
     stays: tuple[AlternativeStates, ...] = ()
+    driven: Driven | None = None
     between: Callable[[], Points] | None = None
 
 
@@ -205,7 +215,7 @@ class Record:
         self.z.append(np.zeros((len(frame.assembly.z_nominal) * blocks, len(self.stops))))
         return len(self.frames) - 1
 
-    def between(self, integrals: int, inputs: Callable[[Array], Array]) -> Points:
+    def between(self, integrals: int, inputs: Callable[[Array], Driven]) -> Points:
         """The times of all points that were kept, and the run at these."""
         assert self.points is not None
         times = np.concatenate([at for _, at, _, _ in self.points])
@@ -219,10 +229,10 @@ class Record:
         whole.instants, whole.steps = self.instants, self.steps
         return times, whole.trace(integrals, inputs(times)), None
 
-    def trace(self, integrals: int, u: Array) -> Trace:
-        """The run as recorded; the last `integrals` rows of y are integrals, u (n_u, N) the inputs. For every other choice
-        of states the unknowns of the first choice are evaluated as expressions."""
-        n_y = len(self.y)
+    def trace(self, integrals: int, driven: Driven) -> Trace:
+        """The run as recorded; the last `integrals` rows of y are integrals. For every other choice of states the unknowns of
+        the first choice are evaluated as expressions."""
+        n_y, u = len(self.y), driven.u
         stays = [self._stay(k) for k in range(len(self.frames))]
         x, z = stays[0].x, stays[0].z
         for number, stay in enumerate(stays[1:], 1):
@@ -238,7 +248,7 @@ class Record:
         if self.true_at_start:
             statistics["true_at_start"] = self.true_at_start
         return Trace(x, z, self.y[n_y - integrals:], self.p[held], self.dp[held].transpose(1, 0, 2), tuple(self.instants),
-                     statistics, tuple(stays[1:]))
+                     statistics, tuple(stays[1:]), driven if self.home.assembly.flat.delays else None)
 
     def _stay(self, number: int) -> AlternativeStates:
         assembly, blocks = self.frames[number].assembly, 1 + self.dp.shape[1]

@@ -1,0 +1,350 @@
+"""Delayed variables in a run: the stored history of their sources, and its polynomial pieces as inputs of the equations.
+
+A run with delays T_k is integrated by the method of steps: in windows of at most the shortest delay, in which all delayed
+variables are known functions of time. The sources are sampled at the points of the integrator (see `looks`, about one in a
+step) and interpolated between these by polynomials of degree 5, with their sensitivities. A discontinuity of a source or of
+one of its derivatives at b (the start, an event, a kink) returns at b + T_k: the window ends there, the integrator begins
+anew, and a source that follows it has a discontinuity there in turn. Before the start a source has its value at the start.
+
+With d(t) = w(t - T), the sensitivity along a direction is dd = dw(t - T) - w'(t - T) dT; of a discontinuity that returns at
+b + T it is db + dT. A. Bellen, M. Zennaro, Numerical Methods for Delay Differential Equations, Oxford 2003, chapters 3 and 4;
+C. T. H. Baker, C. A. H. Paul, Pitfalls in parameter estimation for delay differential equations, SIAM J. Sci. Comput. 18
+(1997) 305-314, doi:10.1137/S1064827595287735.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import Problem, SimulationError
+from heavebond.language.symbols import split, stack
+from heavebond.numerics.dae import DELAY_ROWS, DELAY_TERMS, Array, Assembly, delay_coefficients, measured_rows
+from heavebond.numerics.event_constants import EVENTS
+
+
+@dataclass(frozen=True)
+class DelayConstants:
+    """The constants of delayed variables in runs.
+
+    samples: intervals of a window in which sources are sampled, at least. Origin: a window of one polynomial piece has
+        several stencils. Doubled: short delays cost twice as many points, with smaller errors.
+    mean_steps: steps of the integrator between two samples, on the average, at most. Origin: a step at rtol 1e-8 is 0.06 rad
+        of an oscillation, in which the interpolation errs by 1e-10. Doubled: by 1e-8, half of the evaluations.
+    steps_per_sample: the same between any two. Origin: see `mean_steps`. Doubled: fewer samples in short transients.
+    stencil: samples of an interpolating polynomial. Origin: its order is above that of the integrator. Doubled: it oscillates
+        where the samples are rounded.
+    tolerance: error of the polynomial pieces in the equations, over the tolerance of the integrator. Origin: it is not to add
+        to the error of the integrator. Doubled: slightly longer pieces.
+    parts: samples and pieces of one window, at most: a shorter window resolves a short transient in the history. Origin:
+        memory of a call. Doubled: fewer windows.
+    halvings: halvings of a piece, at most. Origin: rounding of time. Doubled: nothing.
+    max_windows: windows of a run, at most. Origin: some minutes. Doubled: shorter delays are possible.
+    beside: distance from a discontinuity at which sources are evaluated on either side, in instants that count as one.
+        Origin: a function of time has its value on the other side at the instant itself. Doubled: nothing.
+    """
+
+    samples: int = 32
+    mean_steps: float = 1.0
+    steps_per_sample: int = 6
+    stencil: int = 6
+    tolerance: float = 0.1
+    parts: int = 1024
+    halvings: int = 30
+    max_windows: int = 1_000_000
+    beside: float = 4.0
+
+
+DELAYS = DelayConstants()
+
+# Chebyshev points in (-1, 1) at which a piece takes its values, the matrix from these to its coefficients, and the points in
+# between, at which its error is measured
+_NODES = np.cos(np.pi * (np.arange(DELAY_TERMS) + 0.5) / DELAY_TERMS)
+_TO_TERMS = np.linalg.inv(np.vander(_NODES, increasing=True))
+_BETWEEN = np.cos(np.pi * np.arange(DELAY_TERMS + 1) / DELAY_TERMS) * (1 - 1e-9)
+_CHECKED = np.vander(_BETWEEN, DELAY_TERMS, increasing=True)
+
+
+@dataclass
+class Stretch:
+    """A part of the history without discontinuities: times (n,) and values (n, rows) of the sources and, in further rows,
+    their sensitivities. Both grow in place."""
+
+    number: int = 0
+    _times: Array = field(default_factory=lambda: np.zeros(64))
+    _values: Array = field(default_factory=lambda: np.zeros((64, 0)))
+
+    @property
+    def times(self) -> Array:
+        """The times of the samples."""
+        return self._times[:self.number]
+
+    @property
+    def values(self) -> Array:
+        """The samples, one row each."""
+        return self._values[:self.number]
+
+    def add(self, times: Array, values: Array) -> None:
+        """Append samples (n,) and (rows, n)."""
+        end = self.number + len(times)
+        if not self._values.shape[1]:
+            self._values = np.zeros((len(self._times), len(values)))
+        while end > len(self._times):
+            self._times = np.concatenate([self._times, np.zeros_like(self._times)])
+            self._values = np.concatenate([self._values, np.zeros_like(self._values)])
+        self._times[self.number:end], self._values[self.number:end] = times, values.T
+        self.number = end
+
+    def at(self, times: Array, rows: Array) -> Array:
+        """Some rows at times (n,), interpolated: (rows, n)."""
+        known, width = self.times, min(DELAYS.stencil, self.number)
+        if width == 1:
+            return np.tile(self.values[0, rows][:, None], (1, len(times)))
+        first = np.clip(np.searchsorted(known, times) - width // 2, 0, self.number - width)
+        stencil = first[:, None] + np.arange(width)
+        nodes = known[stencil]
+        scale = nodes[:, -1:] - nodes[:, :1]
+        away, apart = (times[:, None] - nodes) / scale, (nodes[:, :, None] - nodes[:, None, :]) / scale[:, :, None]
+        k = np.arange(width)
+        apart[:, k, k] = 1.0
+        weights = np.ones((len(times), width))
+        for j in range(width):
+            weights *= np.where(k == j, 1.0, away[:, j:j + 1])
+        weights /= apart.prod(axis=2)
+        return np.einsum("nk,nkr->rn", weights, self.values[stencil][:, :, rows])
+
+
+class Delays:
+    """The delayed variables of one run: `begin_run`, then `open` a window, integrate in it with `inputs`, and `sample` the
+    points that were reached."""
+
+    def __init__(self, assembly: Assembly, directions: int, same: float, rtol: float, atol: float):
+        self.flat, self.m, self.same, self.rtol = assembly.flat, directions, same, rtol
+        self.delays = self.flat.delays
+        self.n, self.offset = len(self.delays), measured_rows(self.flat)
+        self.coefficients = delay_coefficients(self.flat)
+        self.atol = atol * np.array([d.nominal for d in self.delays])
+        p, dp = self.flat.p, ca.SX.sym("dp", self.flat.p.numel())
+        lengths = stack(d.delay for d in self.delays)
+        self._lengths = ca.Function("delays", [p, dp], [lengths, ca.jtimes(lengths, p, dp)])
+        self._rows = [np.arange(k, self.n * (1 + self.m), self.n) for k in range(self.n)]
+        self._sources: dict[int, tuple[ca.Function, ca.Function]] = {}
+        used = {s.element_hash() for s in ca.symvar(stack([assembly.reduced.ode, assembly.reduced.alg]))}
+        self.rated = [any(s.element_hash() in used for s in split(d.symbols)[1:]) for d in self.delays]
+
+    def begin_run(self, t: float, end: float, p: Array, dp: Array) -> None:
+        """Begin at a time with parameters (n_p,) and their directions (n_p, m); SimulationError for a delay that is too short
+        to be integrated."""
+        self.begin, columns = t, np.column_stack([np.zeros(len(p)), dp])
+        found = [np.array(v) for v in self._lengths(np.tile(p[:, None], (1, 1 + self.m)), columns)]
+        self.lengths: Array = found[0][:, 0]
+        self.moved: Array = found[1][:, 1:]  # dT (n, m)
+        for delay, length in zip(self.delays, self.lengths.tolist(), strict=True):
+            if not length >= max(2 * self.same, (end - t) / DELAYS.max_windows):
+                raise SimulationError([Problem(
+                    "delay-too-short", f"{delay.name} is delayed by {length:g} s, which would divide the run of {end - t:g} s "
+                    f"into {(end - t) / length if length > 0 else float('inf'):.2g} windows", delay.place,
+                    "Give a delay of 0 s, which passes the signal through, an approximation without history (for a Delay "
+                    "`m: 3`), or run for a shorter time.")])
+        index = [d.index for d in self.delays]
+        self.before: Array = np.concatenate([p[index], dp[index].T.ravel()])
+        self.stretches: list[Stretch] = []
+        self.starts: list[float] = []  # of the stretches
+        self.breaks: list[tuple[float, Array]] = []  # discontinuities and their sensitivities (m,)
+        self._next = [0] * self.n  # the first discontinuity of each delay that has not returned yet
+        self.windows = 0
+        self.starts_of_pieces = [[t] for _ in self.delays]
+        self.pieces = [[np.zeros(DELAY_ROWS + DELAY_TERMS * self.m)] for _ in self.delays]
+        self.largest: Array = np.zeros(self.n * (1 + self.m))
+
+    # -- history ---------------------------------------------------------------------------------------------------
+    def sources(self, assembly: Assembly) -> tuple[ca.Function, ca.Function]:
+        """The sources (n,), and their change along directions of (x, z, p, u), in the arguments of an assembly."""
+        if id(assembly) not in self._sources:
+            values = assembly.express(stack(d.source for d in self.delays))
+            _, x, z, p, u, _ = arguments = list(assembly.arguments)
+            directions = [ca.SX.sym("d", a.numel()) for a in (x, z, p, u)]
+            moved = ca.jtimes(values, stack([x, z, p, u]), stack(directions))
+            self._sources[id(assembly)] = (ca.Function("sources", arguments, [values]),
+                                           ca.Function("along", [*arguments, *directions], [moved]))
+        return self._sources[id(assembly)]
+
+    def values(self, assembly: Assembly, t: Array, x: Array, z: Array, p: Array, dp: Array, u: Array, along: Array) -> Array:
+        """Sources and their sensitivities (n (1 + m), N) at points; x and z are (., 1 + m, N), `along` the sensitivities
+        (n_u, m, N) of u."""
+        n = len(t)
+        whole, moved = self.sources(assembly)
+        columns = (t[None, :], x[:, 0], z[:, 0], np.tile(p[:, None], (1, n)), u, np.ones((1, n)))
+        found = [np.array(whole(*columns)).reshape(self.n, n)]
+        for k in range(self.m):
+            found.append(np.array(moved(*columns, x[:, 1 + k], z[:, 1 + k], np.tile(dp[:, k:k + 1], (1, n)), along[:, k])
+                                  ).reshape(self.n, n))
+        return np.vstack(found)
+
+    def sample(self, times: Array, values: Array) -> None:
+        """Add samples (n (1 + m), N) to the present stretch; times that are in it already are left out."""
+        stretch = self.stretches[-1]
+        new = times > (stretch.times[-1] + self.same if stretch.number else -np.inf)
+        if new.any():
+            stretch.add(times[new], values[:, new])
+            self.largest = np.maximum(self.largest, np.abs(values[:, new]).max(axis=1))
+
+    def cut(self, t: float, moved: Array) -> None:
+        """A discontinuity at a time, whose sensitivity is `moved` (m,): a new stretch begins."""
+        if self.stretches and not self.stretches[-1].number:
+            return
+        self.stretches.append(Stretch())
+        self.starts.append(t)
+        self.breaks.append((t, moved))
+
+    def _history(self, k: int, times: Array) -> Array:
+        """The source of a delay, with sensitivities, at times of its history (1 + m, N)."""
+        rows = self._rows[k]
+        found = np.tile(self.before[rows][:, None], (1, len(times)))
+        number = np.searchsorted(self.starts, times, side="right") - 1
+        for stretch in np.unique(number[number >= 0]):
+            at = number == stretch
+            found[:, at] = self.stretches[stretch].at(times[at], rows)
+        return found
+
+    def _felt(self, k: int, number: int) -> bool:
+        """Whether the source of a delay has a discontinuity, in itself or in a derivative that counts, at the begin of a
+        stretch: the polynomial before it does not continue it."""
+        rows, begin = self._rows[k], self.starts[number]
+        after = self.stretches[number]
+        before = self.stretches[number - 1] if number else None
+        if after.number < DELAYS.stencil:
+            return True
+        ahead = after.times[-1] - begin
+        if before is not None and before.number > 1:
+            wanted = 0.5 * (before.times[-1] - before.times[max(before.number - 3, 0)])
+            if ahead < wanted and after is self.stretches[-1]:
+                return True
+            ahead = min(ahead, wanted)
+        at = begin + ahead * np.array([1e-3, 0.5, 1.0])
+        first = np.tile(self.before[rows][:, None], (1, 3)) if before is None else before.at(at, rows)
+        differ = np.abs(after.at(at, rows) - first).max(axis=1)
+        return bool(np.any(differ > self._allowed(k)))
+
+    def _allowed(self, k: int) -> Array:
+        """The error (1 + m,) that counts for a delay and its sensitivities."""
+        scale = self.largest[self._rows[k]]
+        return np.asarray(DELAYS.tolerance * (self.rtol * scale + self.atol[k] * np.where(np.arange(1 + self.m), 0.0, 1.0)
+                                              ) + 1e-13 * scale + 1e-300)
+
+    # -- windows ---------------------------------------------------------------------------------------------------
+    def open(self, t: float, limit: float) -> tuple[float, float]:
+        """Open a window at a time: its end, and the longest interval in it that one polynomial follows. The pieces in it are
+        those of `inputs` from here on."""
+        end = min(limit, t + float(self.lengths.min()))
+        for k, length in enumerate(self.lengths.tolist()):
+            while self._next[k] < len(self.breaks):
+                back = self.breaks[self._next[k]][0] + length
+                if back > t + self.same and (back > end or self._felt(k, self._next[k])):
+                    end = min(end, back)
+                    break
+                self._next[k] += 1
+        if limit - end <= self.same:
+            end = limit
+        self.windows += 1
+        pieces = [self._fitted(k, t, end) for k in range(self.n)]
+        shortest = min(b - a for found in pieces for a, b, _ in found)
+        while shortest * DELAYS.parts < end - t:  # up to where a short transient in the history begins, or through it
+            end = max(t + (end - t) / 2, t + 2 * shortest)
+            pieces = [self._fitted(k, t, end) for k in range(self.n)]
+            shortest = min(b - a for found in pieces for a, b, _ in found)
+        for k, found in enumerate(pieces):
+            starts, columns = self.starts_of_pieces[k], self.pieces[k]
+            while starts and starts[-1] >= t - self.same:
+                starts.pop()
+                columns.pop()
+            starts += [a for a, _, _ in found]
+            columns += [column for _, _, column in found]
+        return end, shortest
+
+    def returned(self, t: float) -> list[tuple[int, Array]]:
+        """The delays with a discontinuity that returns at a time, and its sensitivity (m,)."""
+        return [(k, self.breaks[at][1] + self.moved[k]) for k, (at, length) in enumerate(zip(
+            self._next, self.lengths.tolist(), strict=True))
+            if at < len(self.breaks) and abs(self.breaks[at][0] + length - t) <= self.same]
+
+    def check_jump(self, k: int, t: float, before: Array, after: Array) -> None:
+        """SimulationError where a delayed variable jumps, from one of its columns of u to another, whose rate the equations
+        need: what follows from the impulse would be wrong in silence."""
+        first, then = (float((1 - u[0]) * self.before[k] + np.polyval(u[:2:-1], u[2] * (t - u[1]))) for u in (before, after))
+        delay = self.delays[k]
+        if self.rated[k] and abs(then - first) > EVENTS.continuous * delay.nominal:
+            raise SimulationError([Problem(
+                "delay-impulse", f"at t = {t:.6g} s {delay.name} jumps from {first:.6g} to {then:.6g} in SI, and other equations "
+                "need its rate", delay.place, "That takes an infinite force, flow, voltage or current. Let its source change in "
+                "a finite time: a Ramp, a PolynomialMotion, or a SecondOrderLag behind what jumps.")])
+
+    def _fitted(self, k: int, begin: float, end: float) -> list[tuple[float, float, Array]]:
+        """Polynomial pieces (begin, end, column) of a delayed variable over a window."""
+        found, waiting, length = [], [(begin, end, 0)], float(self.lengths[k])
+        if end - length <= self.begin + self.same:
+            return [(begin, end, np.zeros(DELAY_ROWS + DELAY_TERMS * self.m))]
+        allowed = self._allowed(k)
+        while waiting:
+            a, b, depth = waiting.pop()
+            column, error = self._piece(k, a, b)
+            if depth < DELAYS.halvings and np.any(error > allowed) and (b - a) > 8 * self.same:
+                waiting += [((a + b) / 2, b, depth + 1), (a, (a + b) / 2, depth + 1)]
+            else:
+                found.append((a, b, column))
+        return found
+
+    def _piece(self, k: int, a: float, b: float) -> tuple[Array, Array]:
+        """The column of a piece, v, t_0, r, then the coefficients of the variable and of its sensitivities; and the errors
+        (1 + m,) of the interpolation."""
+        middle, half, length = (a + b) / 2, (b - a) / 2, float(self.lengths[k])
+        at = middle - length + half * np.concatenate([_NODES, _BETWEEN])
+        values = self._history(k, at)
+        terms = values[:, :DELAY_TERMS] @ _TO_TERMS.T
+        error = np.abs(terms @ _CHECKED.T - values[:, DELAY_TERMS:]).max(axis=1)
+        slope = np.append(terms[0, 1:] * np.arange(1, DELAY_TERMS), 0.0) / half
+        terms[1:] -= self.moved[k][:, None] * slope
+        return np.concatenate([[1.0, middle, 1 / half], terms.ravel()]), error
+
+    # -- inputs ----------------------------------------------------------------------------------------------------
+    def inputs(self, times: Array) -> tuple[Array, Array]:
+        """The rows of u (n DELAY_ROWS, N) of the delayed variables, and the coefficients (m n DELAY_TERMS, N) of their
+        sensitivities, at times; of an instant that occurs twice in turn the first is before a discontinuity."""
+        first = np.append(times[:-1] == times[1:], False) if len(times) else np.zeros(0, bool)
+        columns = []
+        for starts, pieces in zip(self.starts_of_pieces, self.pieces, strict=True):
+            at = np.where(first, np.searchsorted(starts, times, side="left"), np.searchsorted(starts, times, side="right")) - 1
+            columns.append(np.column_stack(pieces)[:, np.clip(at, 0, None)] if len(times) else np.zeros((
+                DELAY_ROWS + DELAY_TERMS * self.m, 0)))
+        return self._stacked(columns)
+
+    def _stacked(self, columns: list[Array]) -> tuple[Array, Array]:
+        along = [c[DELAY_ROWS + DELAY_TERMS * i:DELAY_ROWS + DELAY_TERMS * (i + 1)] for i in range(self.m) for c in columns]
+        n = columns[0].shape[1]
+        return np.vstack([c[:DELAY_ROWS] for c in columns]), np.vstack(along) if along else np.zeros((0, n))
+
+    def call_inputs(self, begin: float, times: Array) -> Array:
+        """As `inputs`, one below the other, for the intervals between points (n,) of one call of the integrator: as few
+        pieces as follow the history, each over whole intervals."""
+        edges, columns = np.append(begin, times), []
+        for k in range(self.n):
+            whole, waiting = np.zeros((DELAY_ROWS + DELAY_TERMS * self.m, len(times))), [(0, len(times))]
+            allowed = self._allowed(k)
+            if edges[-1] - self.lengths[k] > self.begin + self.same:
+                while waiting:
+                    a, b = waiting.pop()
+                    column, error = self._piece(k, float(edges[a]), float(edges[b]))
+                    if b - a > 1 and np.any(error > allowed):
+                        waiting += [((a + b) // 2, b), (a, (a + b) // 2)]
+                    else:
+                        whole[:, a:b] = column[:, None]
+            columns.append(whole)
+        return np.vstack(self._stacked(columns))
+
+    def along(self, coefficients: Array, n_u: int) -> Array:
+        """The sensitivities (n_u, m, N) of u by the coefficients (m n DELAY_TERMS, N)."""
+        found = np.zeros((n_u, self.m, coefficients.shape[1]))
+        found[self.coefficients] = coefficients.reshape(self.m, len(self.coefficients), coefficients.shape[1]).transpose(1, 0, 2)
+        return found
