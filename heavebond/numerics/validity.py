@@ -94,7 +94,8 @@ LARGER = f"larger than in any machine. Look for {CAUSES}"
 RAN_AWAY = f"Look for {CAUSES}"
 GROWING = f"Look for {CAUSES}; `heavebond modes` shows which components oscillate or run away"
 FRONT = ("behind a front of so few segments the lumped line oscillates, and its peaks are up to 45 % too high. Take about "
-         "{} segments in place of {}, or a longer time for the change that causes the front")
+         "{} segments in place of {}, or a longer time for the change that causes the front. A hydraulic line as a "
+         "TransmissionLine has no segments, and fronts keep their shape")
 _NUMBER = re.compile(r"_[0-9]+$")
 UNDETERMINED = "It is 0/0 there. No motion depends on it, so the run goes on, and its values are missing"
 NO_VALUE = ("{} has no value there: a root, a power or a logarithm of what is below zero, or a division by 0. Bound its "
