@@ -68,7 +68,7 @@ class Breakaway:
 class FlatEvent:
     """An event: as `indicator` passes zero upwards (None: a time event), at the instant `first`, or from there on once a
     `period` (None: once). `text` is how it is written: `condition: gap > 0`. One that is `by_clock` stands for a comparison
-    of the time with parameters in an equation (see `time_conditions`), and has its text."""
+    of the time with parameters in an equation (see `time_conditions`), and has its text. With `ends` the run ends there."""
 
     name: str
     text: str
@@ -80,6 +80,7 @@ class FlatEvent:
     by_clock: bool = False
     impulse: Impulse | None = None
     breakaway: Breakaway | None = None
+    ends: bool = False
 
 
 def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Leaf, Unit], Unit], problems: Problems

@@ -17,7 +17,7 @@ from heavebond.language.lists import lengths, short, written_out, written_size
 from heavebond.language.model import Model
 from heavebond.language.sections import Setting
 from heavebond.language.values import bounds_text, check_bounds, check_dimension
-from heavebond.text.expression import Number
+from heavebond.text.expression import Name, Number, constant
 from heavebond.text.shapes import whole_number
 
 DEEPEST_BLOCK = 20
@@ -45,7 +45,8 @@ def expand_as_far(model: Model) -> tuple[Expanded, Problems]:
         model = replace(model, show=show)
     wires = opener.wires
     found = Expanded(model, opener.leaves, wires.junctions, opener.parameters, wires.ports, wires.signals,
-                     sheets={path: tuple(takers) for path, takers in opener.sheets.items()})
+                     sheets={path: tuple(takers) for path, takers in opener.sheets.items()},
+                     approximated=tuple(opener.approximated))
     return found, opener.problems
 
 
@@ -63,6 +64,7 @@ class _Opener:
         self.scopes: dict[str, str] = {}
         self.sheets: dict[str, list[str]] = {}
         self.size = 0  # see EXPANDED
+        self.approximated: list[tuple[str, str, str]] = []
 
     def top(self) -> None:
         model = self.model
@@ -184,7 +186,8 @@ class _Opener:
             if bound is not None:
                 parameters[name] = bound
         integers = self._integers(component, parameters, outer)
-        if component.approximation and (self.model.approximate or integers.get(component.approximation.order)):
+        if component.approximation and (integers.get(component.approximation.order) or (
+                self.model.approximate and not self._passes_through(instance, component, path))):
             self._approximated(instance, component, prefix, outer, kinds, sheets)
             return
         self._check_size(path, written_size(component, integers) + len(component.body.wires))
@@ -224,6 +227,14 @@ class _Opener:
                 outermost.place if outermost is not None else None,
                 "The parts of blocks inside blocks multiply: use fewer levels, fewer copies (`repeat`) or shorter lists.")])
 
+    def _passes_through(self, instance: Instance, component: Component, path: str) -> bool:
+        """Whether all delays of a component are plain zeros."""
+        lengths = [delayed.by.tree for delayed in component.delayed.values()]
+        settings = [self.model.settings.get(f"{path}.{tree.text}") for tree in lengths if isinstance(tree, Name)]
+        values = [instance.settings.get(tree.text) if own is None else own.value
+                  for tree, own in zip((t for t in lengths if isinstance(t, Name)), settings, strict=True)]
+        return len(values) == len(lengths) and all(isinstance(v, Value) and constant(v.expr) == 0 for v in values)
+
     def _approximated(self, instance: Instance, component: Component, prefix: str, outer: dict[str, int],
                       kinds: tuple[str, ...], sheets: tuple[DataSheet, ...]) -> None:
         """The component without history in the place of one with delayed variables, with what both have in common; the
@@ -239,6 +250,8 @@ class _Opener:
         order = given.get(approximation.order)
         if order is not None and isinstance(order, Value) and whole_number(order.expr, outer) == 0:
             del given[approximation.order]
+        if self.model.approximate and order is None:
+            self.approximated.append((path, component.name, other.name))
         unused = {f"{path}.{name}" for name in component.parameters if name not in common}
         self.unused = {name: setting for name, setting in self.unused.items() if name not in unused}
         self._instance(replace(instance, settings=given), other, prefix, outer, kinds, sheets)

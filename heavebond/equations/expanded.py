@@ -80,6 +80,8 @@ class Medium:
 class Expanded:
     """The opened diagram. `ports` and `signals` tell what each port end carries, by full port path; `media` what fills
     the circuits that have parts which ask for it, `sheets` which parameters follow those of a part that is their data sheet.
+    `approximated` are the parts with delayed variables whose places components without history take, for a computation that
+    keeps none: path, component and the other component.
     """
 
     model: Model
@@ -90,6 +92,7 @@ class Expanded:
     signals: dict[str, SignalPort] = field(default_factory=dict)
     media: tuple[Medium, ...] = ()
     sheets: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    approximated: tuple[tuple[str, str, str], ...] = ()
 
     @property
     def blocks(self) -> list[str]:

@@ -288,6 +288,7 @@ class _Builder:
         self._leaf_equations()
         self._given_inputs()
         self._delayed_variables()
+        self._end()
         self.problems.raise_as(ModelError)
         self._clocks()
         self.problems.raise_as(ModelError)
@@ -487,6 +488,19 @@ class _Builder:
                               [(column, 0)])
                 else:
                     self._formula_input(path, column, bound, resolver, parameters)
+
+    def _end(self) -> None:
+        """The condition at which a run ends as an event that sets nothing."""
+        ends = self.expanded.model.ends
+        if ends is None:
+            return
+        try:
+            above = self._resolver().indicator(ends.tree)
+        except ExpressionProblem as problem:
+            self.problems.add(problem.code, problem.message, ends.place.moved(problem.column, problem.length),
+                              hint=problem.hint)
+            return
+        self.events.append(FlatEvent("until", f"when: {ends.text}", ends.place, above, ca.SX(0), None, (), ends=True))
 
     def _delayed_variables(self) -> None:
         """An equation for each delayed variable: it is a known function of time, or its source where the delay is zero."""

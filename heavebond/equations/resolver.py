@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from heavebond.core.errors import NAMES_LISTED, Place, suggest
 from heavebond.core.units import FREQUENCY, ONE, Dimension, Unit, declared_unit, dimension_text
 from heavebond.language.definition import Domain
-from heavebond.language.symbols import Context, evaluate, split, stack
-from heavebond.text.dimensions import SECOND, counted, dimension
+from heavebond.language.symbols import Context, evaluate, indicator, split, stack
+from heavebond.text.dimensions import SECOND, TRUTH, counted, dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name, Slice, constant, names
 from heavebond.text.shapes import Lengths, Shape, gives_lists
 
@@ -105,6 +105,12 @@ class Resolver:
         self._check_lengths(expr, scope)
         return evaluate(expr, Context(
             lambda text, name: more[text] if text in more else self._value(scope, text, name), self._der))
+
+    def indicator(self, expr: Expr) -> ca.SX:
+        """A condition as a number that is above zero while it holds; ExpressionProblem for a formula that is none."""
+        if self.dimension(expr) != TRUTH:
+            raise ExpressionProblem("not-a-condition", "this is no condition", 0, hint="Write a comparison: `load.x > 0.5 m`.")
+        return indicator(expr, Context(lambda text, name: self._value("", text, name), self._der))
 
     def _check_lengths(self, expr: Expr, scope: str) -> None:
         """ExpressionProblem where a formula gives a list, or joins lists that do not fit."""

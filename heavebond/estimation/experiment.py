@@ -153,12 +153,13 @@ class Experiment:
         return replace(self, records=records)
 
     def model_for(self, record: Record) -> Model:
-        """The model of one record: the diagram with the measured inputs, settings and initial values of that record."""
+        """The model of one record: the diagram with the measured inputs, settings and initial values of that record; a run
+        goes on to its end."""
         settings = {**self.model.settings, **record.settings}
         for path, given in self.inputs_for(record).items():
             settings[path] = Setting(path, given, given.place)
         initial = replace(self.model.initial, conditions={**self.model.initial.conditions, **record.conditions})
-        return replace(self.model, settings=settings, initial=initial)
+        return replace(self.model, settings=settings, initial=initial, ends=None)
 
     def inputs_for(self, record: Record) -> dict[str, FileInput]:
         """The measured inputs of a record by name, with file and time column."""

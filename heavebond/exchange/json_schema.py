@@ -85,7 +85,10 @@ def diagram() -> Schema:
         "nominal": _each(QUANTITY, "the size that a variable commonly has, for error control: `coil.i: 1 nA`"),
         "show": _each(_object({"is": _said("a formula; without it the name itself", FORMULA), "unit": UNIT}, ["unit"]),
                       "named outputs"),
-        "simulate": _object({"from": TIME, "until": TIME, "every": TIME,
+        "simulate": _object({"from": TIME, "every": TIME, "until": {"anyOf": [TIME, _object(
+                                 {"when": FORMULA, "at_most": TIME}, ["when", "at_most"],
+                                 "the condition at which a run ends, and the time at which it ends in any case")]},
+                             "largest_step": _said("longest step of the integrator", TIME),
                              "solver": _said("what integrates a run; auto without it", {"enum": list(SOLVERS)})},
                             description="when it begins and ends, the time between output points, and by what"),
         "view": _each({"anyOf": [view_shape(kind) for kind in SHAPES]}, "shapes that `heavebond animate` moves"),

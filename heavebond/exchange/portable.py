@@ -134,7 +134,8 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
     for a diagram with FMUs in it.
     """
     wanted = list(dict.fromkeys(inputs))
-    assembly = assemble(model)
+    # an export keeps no history, and the program that runs it decides when a run ends
+    assembly = assemble(replace(model, approximate=True, ends=None))
     sizes = _sizes(assembly)
     assembly, column = _opened(assembly, wanted) if wanted else (assembly, _measured(assembly))
     if parts := foreign_parts(assembly.flat):

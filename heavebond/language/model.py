@@ -62,6 +62,8 @@ class Model:
     until: Value | None = None
     every: Value | None = None
     solver: Scalar | None = None
+    ends: Formula | None = None  # the condition at which a run ends, else it ends at `until`
+    largest_step: Value | None = None
     view: dict[str, ViewShape] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
     approximate: bool = False  # components with delayed variables are replaced by their approximations
@@ -364,7 +366,8 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
         nominal={**base.nominal, **read_nominal(root.items.get("nominal"), problems)},
         show={**base.show, **read_show(root.items.get("show"), problems)},
         begin=plan.begin or base.begin, until=plan.until or base.until, every=plan.every or base.every,
-        solver=plan.solver or base.solver,
+        solver=plan.solver or base.solver, ends=plan.ends if plan.until or plan.ends else base.ends,
+        largest_step=plan.largest_step or base.largest_step,
         view={**base.view, **read_view(root.items.get("view"), problems)},
         files=(*base.files, source.path))
 

@@ -9,7 +9,7 @@ from math import inf
 from heavebond.core.errors import Place, Problems, listing, suggest
 from heavebond.core.units import Dimension, declared_unit
 from heavebond.language import reading
-from heavebond.language.definition import FileInput, Value
+from heavebond.language.definition import FileInput, Formula, Value
 from heavebond.language.values import add_formula_problem, check_dimension
 from heavebond.text.dimensions import dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name, constant, parse_formula
@@ -191,21 +191,30 @@ def shown_as(name: str, item: Node, key: Scalar, problems: Problems, extra: tupl
 
 @dataclass(frozen=True)
 class Plan:
-    """What `simulate:` says."""
+    """What `simulate:` says: with `ends`, a condition, `until` is the time at which a run ends in any case."""
 
     begin: Value | None = None
     until: Value | None = None
     every: Value | None = None
     solver: Scalar | None = None
+    ends: Formula | None = None
+    largest_step: Value | None = None
 
 
 def read_plan(node: Node | None, problems: Problems) -> Plan:
     entries = reading.mapping(node, "simulate", problems)
     if entries is None:
         return Plan()
-    reading.known_keys(entries, ("from", "until", "every", "solver"), "simulate", problems)
-    times = {name: reading.value(item, name, problems) for name, item in entries.items.items()
-             if name in ("from", "until", "every")}
+    reading.known_keys(entries, ("from", "until", "every", "solver", "largest_step"), "simulate", problems)
+    items, ends = dict(entries.items), None
+    if isinstance(until := items.get("until"), Mapping):
+        reading.known_keys(until, ("when", "at_most"), "until", problems, ("when", "at_most"))
+        ends = _ending(until.items.get("when"), problems)
+        del items["until"]
+        if (longest := until.items.get("at_most")) is not None:
+            items["until"] = longest
+    times = {name: reading.value(item, name, problems) for name, item in items.items()
+             if name in ("from", "until", "every", "largest_step")}
     for name, value in times.items():
         if value is not None:
             _check_time(name, value, problems, any_sign=name == "from" or (name == "until" and "from" in times))
@@ -214,7 +223,21 @@ def read_plan(node: Node | None, problems: Problems) -> Plan:
     if solver is not None and name and name not in SOLVERS:
         problems.add("solver-unknown", f"'{name}' is no solver", solver.place,
                      hint=suggest(name, SOLVERS) or f"There are {listing(SOLVERS)}.")
-    return Plan(times.get("from"), times.get("until"), times.get("every"), solver if isinstance(solver, Scalar) else None)
+    return Plan(times.get("from"), times.get("until"), times.get("every"), solver if isinstance(solver, Scalar) else None,
+                ends, times.get("largest_step"))
+
+
+def _ending(node: Node | None, problems: Problems) -> Formula | None:
+    """The condition at which a run ends, a comparison of signals of the diagram."""
+    if node is None:
+        return None
+    if not isinstance(node, Scalar):
+        problems.add("not-text", f"when is {node.kind}; a condition is expected", node.place,
+                     hint="Write `until: {when: load.x > 0.5 m, at_most: 10 s}`.")
+        return None
+    place = node.place.moved(1 if node.quoted else 0, len(node.text))
+    tree = reading.parsed(parse_formula, node.text, place, problems)
+    return None if tree is None else Formula(tree, node.text, place)
 
 
 def _no_name(name: Name) -> Dimension:
@@ -222,7 +245,7 @@ def _no_name(name: Name) -> Dimension:
 
 
 def _check_time(name: str, value: Value, problems: Problems, any_sign: bool) -> None:
-    """`from`, `until` and `every` are known before any parameter is: plain times, `every` above 0, and `until` without
+    """The times of a run are known before any parameter is: plain times, all of them above 0 but `from`, and `until` with
     `from`."""
     number = constant(value.expr)
     if value.formula or number is None:

@@ -16,13 +16,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heavebond.core.errors import Problem, UsageError, listing
 from heavebond.core.presentation import brief, count
 from heavebond.core.units import dimension_text, read_unit
+from heavebond.equations.flatten import flatten
 from heavebond.language.model import Model, ModelOrFile, loaded
+from heavebond.language.symbols import stack
 from heavebond.linear.disturbance import inner_name
 from heavebond.linear.held_variables import HeldVariable, undecided_reasons
 from heavebond.linear.linearisation import Linear, Linearisation
@@ -82,6 +85,24 @@ AT_A_POLE = complex(np.inf, np.nan)  # the size is infinite, the angle has no va
 
 
 @dataclass(frozen=True)
+class DelayedSystem:
+    """A linear system with delays: `open` has as its last inputs the delayed variables and as its last outputs their sources,
+    v = exp(-s T) z with the `delays` T (n,) in s."""
+
+    open: StateSpace
+    delays: Array
+
+    def response(self, points: Complex) -> Complex:
+        """The transfer functions (N, k, m) at complex frequencies (N,) with the delays: with [y; z] = [[A, B], [C, D]] [w; v]
+        and E = exp(-s T), y = (A + B E (1 - D E)^-1 C) w."""
+        n = len(self.delays)
+        whole = self.open.response(points)
+        direct, back, forth, loop = whole[:, :-n, :-n], whole[:, :-n, -n:], whole[:, -n:, :-n], whole[:, -n:, -n:]
+        factor = np.exp(-points[:, None, None] * self.delays)
+        return np.asarray(direct + (back * factor) @ np.linalg.solve(np.eye(n) - loop * factor, forth))
+
+
+@dataclass(frozen=True)
 class StateSpace:
     """A linear system x' = A x + B w, y = C x + D w: a (n, n), b (n, m), c (k, n), d (k, m) in SI.
 
@@ -89,7 +110,8 @@ class StateSpace:
     of states, inputs and outputs in turn. `shown` are the units in which the outputs are printed and drawn
     (`displayed`), `rigid` tells which states are positions and speeds of bodies, `held` are the variables that are
     constant in the linear system. The states are those of the machine, less what derivatives of the inputs add to them
-    (see the module).
+    (see the module). Delayed variables have approximations without history in the matrices; with `exact` the responses
+    have their factors exp(-s T).
     """
 
     states: tuple[str, ...]
@@ -106,6 +128,7 @@ class StateSpace:
     shown: tuple[str, ...] = ()
     rigid: tuple[bool, ...] = ()
     held: tuple[HeldVariable, ...] = ()
+    exact: DelayedSystem | None = None
 
     def __repr__(self) -> str:
         return brief(self, f"{listing(list(self.inputs), 4)} to {listing(list(self.outputs), 4)}",
@@ -140,14 +163,26 @@ class StateSpace:
         if not self.shown or self.shown == self.units[2]:
             return self
         scale = np.array([read_unit(unit).scale for unit in self.shown])[:, None]
-        return replace(self, c=self.c / scale, d=self.d / scale, higher=self.higher / scale,
+        exact = None
+        if self.exact is not None:
+            own = self.exact.open
+            more = np.vstack([scale, np.ones((len(self.exact.delays), 1))])
+            exact = replace(self.exact, open=replace(own, c=own.c / more, d=own.d / more, higher=own.higher / more))
+        return replace(self, c=self.c / scale, d=self.d / scale, higher=self.higher / scale, exact=exact,
                        units=(self.units[0], self.units[1], self.shown))
 
     def channel(self, output: str, input: str) -> StateSpace:
         """One output from one input."""
         i, j = self.outputs.index(output), self.inputs.index(input)
         rows, columns = slice(i, i + 1), slice(j, j + 1)
-        return replace(self, inputs=(input,), outputs=(output,), b=self.b[:, columns], c=self.c[rows],
+        exact = None
+        if self.exact is not None:
+            own, n = self.exact.open, len(self.exact.delays)
+            to, by = [i, *range(len(self.outputs), len(self.outputs) + n)], [j, *range(len(self.inputs), len(self.inputs) + n)]
+            exact = replace(self.exact, open=replace(
+                own, inputs=tuple(own.inputs[k] for k in by), outputs=tuple(own.outputs[k] for k in to), b=own.b[:, by],
+                c=own.c[to], d=own.d[np.ix_(to, by)], higher=own.higher[np.ix_([0, 1], to, by)]))
+        return replace(self, exact=exact, inputs=(input,), outputs=(output,), b=self.b[:, columns], c=self.c[rows],
                        d=self.d[rows, columns], higher=self.higher[:, rows, columns], shown=self.shown[i:i + 1],
                        units=(self.units[0], (self.units[1][j],), (self.units[2][i],)),
                        held=tuple(replace(h, inputs=tuple(n for n in h.inputs if n == self._inner(input)),
@@ -161,6 +196,8 @@ class StateSpace:
         """The transfer functions (N, k, m) at complex frequencies s (N,) in 1/s: s = 2j*pi*f; at a pole their size is
         infinite and their angle not a number."""
         points = np.atleast_1d(np.asarray(s, dtype=complex))
+        if self.exact is not None:
+            return self.exact.response(points)
         a, b, c = self._scaled()
         through = np.zeros((len(points), len(self.outputs), len(self.inputs)), complex)
         if len(a) >= LINEAR_SYSTEM.sparse and np.count_nonzero(a) <= LINEAR_SYSTEM.dense * a.size:
@@ -314,17 +351,25 @@ def state_space(model: ModelOrFile, inputs: Sequence[str], outputs: Sequence[str
 class StateSpaces:
     """A diagram between inputs and outputs, compiled once, linearised for any parameters."""
 
-    def __init__(self, model: ModelOrFile, inputs: Sequence[str], outputs: Sequence[str], at: Time | None = None):
+    def __init__(self, model: ModelOrFile, inputs: Sequence[str], outputs: Sequence[str], at: Time | None = None, *,
+                 approximate: bool = True):
+        """Without `approximate` delayed variables are constant, as parameters `history.NAME`."""
         self.inputs, self.outputs = tuple(dict.fromkeys(inputs)), tuple(dict.fromkeys(outputs))
         model = loaded(model)
         also = _named(model, self.outputs)
-        plain = OperatingPoints(model, at, also=also)
+        plain = OperatingPoints(model, at, also=also, approximate=approximate)
+        self.approximated = plain.assembly.flat.expanded.approximated
+        self._exact: StateSpaces | None = None
+        self._delays: ca.Function | None = None
+        if self.approximated:
+            self._with_delays(model, at)
         known = plain.assembly.parameter_names
         self._added = [name for name in self.inputs if name not in known]
         self._given = [name for name in self.inputs if name in known]
         self.points, self.filled = plain, plain.filled
         if self._added:
-            self.points = OperatingPoints(plain.assembly.model, at, disturbances=self._added, also=also)
+            self.points = OperatingPoints(plain.assembly.model, at, disturbances=self._added, also=also,
+                                          approximate=approximate)
         self._linearisation = Linearisation(self.points.assembly, self._given, self.outputs,
                                             [inner_name(name) for name in self._added])
         self._units = _units(self.points.assembly, self.inputs, self.outputs)
@@ -332,8 +377,22 @@ class StateSpaces:
         self._shown = tuple(show[name].unit if name in show else unit
                             for name, unit in zip(self.outputs, self._units[2], strict=True))
 
+    def _with_delays(self, model: Model, at: Time | None) -> None:
+        """The same system with the delayed variables among its inputs and their sources among its outputs."""
+        flat = flatten(replace(model, ends=None))
+        sources = [f"{d.name.rpartition('.')[0]}.{flat.expanded.leaves[path].component.delayed[name].of}"
+                   for d in flat.delays for path, _, name in (d.name.rpartition("."),)]
+        self._exact = StateSpaces(model, [*self.inputs, *(f"history.{d.name}" for d in flat.delays)],
+                                  [*self.outputs, *(f"({name})" for name in sources)], at, approximate=False)
+        own = self._exact.points.assembly.flat
+        self._delays = ca.Function("delays", [own.p], [stack(d.delay for d in own.delays)])
+
     def at(self, parameters: Mapping[str, float | str] | None = None) -> StateSpace:
         """The linear system with these parameters set."""
+        exact = None
+        if self._exact is not None and self._delays is not None:
+            around = self._exact.at(parameters)
+            exact = DelayedSystem(around, np.array(self._delays(around.point.p)).ravel())
         point = self.points.at(parameters)
         linear = self._linearisation.at(point)
         n, k, given = len(linear.states), len(self.outputs), len(self._given)
@@ -347,7 +406,7 @@ class StateSpaces:
                 b[:, :, j], d[:, :, j] = linear.b[:, first:first + 4].T, linear.d[:, first:first + 4].T
         b_0, d_all = _without_derivatives(linear, b, d)
         return StateSpace(linear.states, self.inputs, self.outputs, self._units, linear.a, b_0, linear.c, d_all[0],
-                          d_all[1:3], linear.sizes, point, self._shown, linear.rigid, linear.held)
+                          d_all[1:3], linear.sizes, point, self._shown, linear.rigid, linear.held, exact)
 
 
 def dense_response(a: Array, b: Array, c: Array, points: Complex) -> Complex:

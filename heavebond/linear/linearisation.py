@@ -25,7 +25,7 @@ from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
 from heavebond.linear.held_variables import HeldStructure, HeldVariable, StartEvents, undecided_reasons
 from heavebond.linear.stability import Stability, real_within_rounding, stability, with_zeros
-from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.initialise import Start, start, tangent
 from heavebond.numerics.inputs import pieced
 from heavebond.numerics.output_times import grid
@@ -196,6 +196,15 @@ def _first_inputs(assembly: Assembly) -> Array:
     return pieced(assembly.flat, float(times[0]), float(times[-1])).at(times[:1])[:, 0]
 
 
+def without_history(assembly: Assembly) -> Assembly:
+    """The diagram with approximations in the places of its delayed variables, and the parameters of the assembly."""
+    if not assembly.flat.delays:
+        return assembly
+    made = assemble(replace(assembly.model, approximate=True))
+    known = set(made.parameter_names)
+    return made.with_parameters({name: value for name, value in assembly.parameter_values.items() if name in known})
+
+
 def start_point(first: Start, u: Array) -> Point:
     """The point at which a run begins."""
     return Point(first.t, first.x, first.z, first.p, u, 1.0)
@@ -205,7 +214,8 @@ class ModesAtStart:
     """The modes of an assembly at its start, and how their eigenvalues move with parameters."""
 
     def __init__(self, assembly: Assembly):
-        self.assembly, self.u = assembly, _first_inputs(assembly)
+        self.assembly = assembly = without_history(assembly)
+        self.u = _first_inputs(assembly)
         self.linearisation = Linearisation(assembly)
         self.equations = StartEquations(assembly)
         self._events = StartEvents(assembly)

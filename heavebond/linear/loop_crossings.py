@@ -71,7 +71,8 @@ CROSSINGS = CrossingConstants()
 @dataclass(frozen=True)
 class Transfer:
     """L(s) = C (s - A)^-1 B + D with rates counted in `rate` (1/s): a (n, n), b (n,), c (n,) balanced; e^(-s dead_time) L
-    is the loop with a dead time in s."""
+    is the loop with a dead time in s. With `exact`, a function of omega (N,) in rad/s, the matrices are an approximation of
+    a loop with delayed variables, and place the brackets only."""
 
     a: Array
     b: Array
@@ -79,9 +80,12 @@ class Transfer:
     d: float
     rate: float
     dead_time: float = 0.0
+    exact: Callable[[Array], Complex] | None = None
 
     def rational(self, omega: Array) -> Complex:
         """L (N,) at omega (N,) in rad/s, without the dead time."""
+        if self.exact is not None:
+            return self.exact(np.atleast_1d(np.asarray(omega, dtype=float)))
         s = 1j * np.atleast_1d(np.asarray(omega, dtype=float)) / self.rate
         if not len(self.a):
             return np.full(len(s), self.d, complex)

@@ -27,7 +27,7 @@ from heavebond.core.errors import Problem, UsageError
 from heavebond.language.model import ModelOrFile
 from heavebond.linear import loop_crossings as crossing
 from heavebond.linear.held_variables import HeldVariable
-from heavebond.linear.linear_system import StateSpace, StateSpaces, spread
+from heavebond.linear.linear_system import Complex, DelayedSystem, StateSpace, StateSpaces, spread
 from heavebond.linear.stability import MARGINAL, STABLE, UNSTABLE, Stability
 from heavebond.numerics.dae import Array
 from heavebond.numerics.output_times import Time, seconds
@@ -130,6 +130,13 @@ def loops(model: ModelOrFile, signal: str, at: Time | None = None) -> StateSpace
     return StateSpaces(model, [signal], [f"({signal})"], at)
 
 
+class OpenedSystem(DelayedSystem):
+    """The open loop L = 1/G - 1 of a closed loop G with delays, from what is added to a signal to the signal itself."""
+
+    def response(self, points: Complex) -> Complex:
+        return np.asarray(1 / super().response(points) - 1)
+
+
 def open_loop(closed: StateSpace) -> StateSpace:
     """L from the closed loop, whose one input is what is added to the signal that is its one output.
 
@@ -146,7 +153,7 @@ def open_loop(closed: StateSpace) -> StateSpace:
         raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': what is added there acts on itself "
                                   "at once", None, "Cut it at another signal, such as a controller's output.")])
     a = closed.a - closed.b @ closed.c / d
-    loop = replace(closed, inputs=(f"{CUT}{name}",), outputs=(name,), a=a, b=closed.b / d, c=-closed.c / d,
+    loop = replace(closed, exact=None if closed.exact is None else OpenedSystem(closed.exact.open, closed.exact.delays), inputs=(f"{CUT}{name}",), outputs=(name,), a=a, b=closed.b / d, c=-closed.c / d,
                    d=np.array([[-(1 - 1 / d)]]), units=(closed.units[0], closed.units[1], closed.units[1]),
                    shown=closed.units[1])
     if not np.any(np.abs(loop.response(2j * np.pi * spread(loop.poles, loop.poles))) > MARGINS.no_gain):
@@ -158,9 +165,10 @@ def open_loop(closed: StateSpace) -> StateSpace:
 
 def transfer_of(loop: StateSpace, dead_time: float = 0.0) -> crossing.Transfer:
     """The transfer function of an open loop, made ready for its crossings."""
-    sizes = loop.sizes
-    return crossing.transfer(loop.a * sizes / sizes[:, None], loop.b[:, 0] / sizes, loop.c[0] * sizes, float(loop.d[0, 0]),
-                             dead_time)
+    sizes, exact = loop.sizes, loop.exact
+    found = crossing.transfer(loop.a * sizes / sizes[:, None], loop.b[:, 0] / sizes, loop.c[0] * sizes,
+                              float(loop.d[0, 0]), dead_time)
+    return found if exact is None else replace(found, exact=lambda omega: loop.response(1j * omega)[:, 0, 0])
 
 
 def loop_frequencies(loop: StateSpace, found: Crossings) -> Array:

@@ -18,7 +18,8 @@ from heavebond.language.sections import Initial
 from heavebond.linear.disturbance import disturbed, quiet
 from heavebond.linear.held_variables import StartEvents
 from heavebond.linear.linearisation import start_point
-from heavebond.numerics.dae import Array, Assembly, build
+from heavebond.language.symbols import stack
+from heavebond.numerics.dae import DELAY_ROWS, Array, Assembly, build, measured_rows
 from heavebond.numerics.initialise import start
 from heavebond.numerics.output_times import Time, begin_of, grid, seconds
 from heavebond.numerics.result import columns
@@ -42,11 +43,14 @@ class OperatingPoints:
 
     filled: str = ""
 
-    def __init__(self, model: Model, at: Time | None = None, *, disturbances: Sequence[str] = (), also: Iterable[str] = ()):
-        """`at`: None for the start of the diagram, `"steady"`, or a time; `also` names positions that are wanted."""
+    def __init__(self, model: Model, at: Time | None = None, *, disturbances: Sequence[str] = (), also: Iterable[str] = (),
+                 approximate: bool = True):
+        """`at`: None for the start of the diagram, `"steady"`, or a time; `also` names positions that are wanted. Without
+        `approximate` delayed variables are constant near the point, as parameters `history.NAME`."""
         self.steady, self._disturbances, self._also = at == STEADY, disturbances, tuple(also)
         self.begin = begin_of(model)
         self.time = self.begin if at is None or self.steady else seconds(at, "--at")
+        model = replace(model, ends=None, approximate=approximate or model.approximate)
         self._assemble(_steady(model) if self.steady else model)
         if not disturbances:
             self._fill()
@@ -101,12 +105,25 @@ class OperatingPoints:
                                           "than at its start, which is not linearised", None,
                                           "Take a time before that event.")])
             t, x, z, p, u, _ = (values[:, -1] for values in columns(result))
-            return Point(float(t[0]), x, z, p, _begun_at(u, float(t[0])), 1.0)
+            return self._with_constant_delays(Point(float(t[0]), x, z, p, u, 1.0))
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         u = self.driven.at(np.array([self.begin]))[:, 0] if self.driven.columns.size else np.zeros(0)
+        delayed = np.zeros(DELAY_ROWS * len(assembly.flat.delays))
         if not self.steady:
+            u = np.append(u, delayed)
             return self._events.after(start_point(start(assembly, self.begin, u, self.equations), u))
-        return self._steady_point(assembly, _held_still(u))
+        return self._steady_point(assembly, np.append(_held_still(u), delayed))
+
+    def _with_constant_delays(self, point: Point) -> Point:
+        """A point of a run with its inputs expanded about its time, and delayed variables as they are there."""
+        flat, rows = self.assembly.flat, measured_rows(self.assembly.flat)
+        u, p = _begun_at(point.u[:rows], point.t), point.p
+        if flat.delays:
+            value = self.assembly.once("delayed values", lambda: ca.Function("delayed", list(self.assembly.arguments), [
+                self.assembly.express(stack(d.symbols[0] for d in flat.delays))]))
+            p = p.copy()
+            p[[d.index for d in flat.delays]] = np.array(value(*point.values())).ravel()
+        return replace(point, p=p, u=np.append(u, np.zeros(len(point.u) - rows)))
 
     def _steady_point(self, assembly: Assembly, u: Array) -> Point:
         """The steady state with what the events at its instant set; without these if they do not come to rest."""

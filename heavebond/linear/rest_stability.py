@@ -130,8 +130,8 @@ class RestStability:
 
     def __init__(self, assembly: Assembly, until: float):
         self.modes = ModesAtStart(assembly)
-        self.assembly, self.base = assembly, 1 / until
-        self.frictions = dry_frictions(assembly)
+        self.assembly, self.base = self.modes.assembly, 1 / until
+        self.frictions = dry_frictions(self.assembly)
         self.shares: tuple[float, ...] | None = None  # the slopes of the case, as shares of those at rest
 
     def at(self, values: Mapping[str, float | str]) -> OperatingPointStability | None:

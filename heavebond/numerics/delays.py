@@ -33,7 +33,6 @@ class DelayConstants:
         several stencils. Doubled: short delays cost twice as many points, with smaller errors.
     mean_steps: steps of the integrator between two samples, on the average, at most. Origin: a step at rtol 1e-8 is 0.06 rad
         of an oscillation, in which the interpolation errs by 1e-10. Doubled: by 1e-8, half of the evaluations.
-    steps_per_sample: the same between any two. Origin: see `mean_steps`. Doubled: fewer samples in short transients.
     stencil: samples of an interpolating polynomial. Origin: its order is above that of the integrator. Doubled: it oscillates
         where the samples are rounded.
     tolerance: error of the polynomial pieces in the equations, over the tolerance of the integrator. Origin: it is not to add
@@ -48,7 +47,6 @@ class DelayConstants:
 
     samples: int = 32
     mean_steps: float = 1.0
-    steps_per_sample: int = 6
     stencil: int = 6
     tolerance: float = 0.1
     parts: int = 1024

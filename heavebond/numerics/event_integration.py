@@ -42,6 +42,14 @@ INTERRUPTED, CRAWLS = ("IDA_RES_FAIL", "CV_RHSFUNC_FAIL"), ("IDA_TOO_MUCH_WORK",
 Build = Callable[[str, Integrand, Looks], Integrator]
 
 
+class RunEnded(Exception):
+    """A run ends at a state, as its condition is met."""
+
+    def __init__(self, now: EventState):
+        super().__init__()
+        self.now = now
+
+
 @dataclass(frozen=True)
 class Failures:
     """How often the integrator has failed, and crawled, since so many changes of a run."""
@@ -112,6 +120,14 @@ class EventIntegration:
         self._write(now, record)
         if self.delays is not None:
             now = self._cut(now, np.zeros(now.blocks - 1))
+        try:
+            self._to_the_end(now, record)
+        except RunEnded as ended:
+            record.end(ended.now)
+        trace = record.trace(self.integrals, self._driven(record.stops))
+        return replace(trace, between=partial(record.between, self.integrals, self._driven)) if self.dense else trace
+
+    def _to_the_end(self, now: EventState, record: Record) -> None:
         equations, begin = self.home.equations, now.t
         instants = equations.instants(now.p, now.dp)
         for time, events, delays in timetable(equations.events, instants, now.t, float(self.stops[-1])):
@@ -121,8 +137,6 @@ class EventIntegration:
         if record.true_at_start is None:
             record.true_at_start = self._true_at_start(now)
         self._over_kinks(now, float(self.stops[-1]), record)
-        trace = record.trace(self.integrals, self._driven(self.stops))
-        return replace(trace, between=partial(record.between, self.integrals, self._driven)) if self.dense else trace
 
     def _driven(self, times: Array) -> Driven:
         """The inputs at times, and their sensitivities."""
@@ -164,10 +178,15 @@ class EventIntegration:
 
     def _true_at_start(self, now: EventState) -> list[str]:
         """The events whose condition is true at the start, which is no change and lets nothing happen, and which would have
-        set something to another value."""
+        set something to another value; SimulationError if the run was to end there."""
         if not now.true.any():
             return []
         events, point = [self.conditions[c] for c in np.flatnonzero(now.true)], self._point(now)
+        for event in (now.frame.equations.events[i] for i in events):
+            if event.ends:
+                raise SimulationError([Problem(
+                    "event-until", f"the run would end as it begins: {event.text} is true at the start", event.place,
+                    "A run ends when its condition becomes true: write one that is false at the start.")])
         return [now.frame.equations.events[i].name for i in events if now.frame.equations.would_change(point, i)]
 
     def _stop(self, time: float) -> float:
@@ -581,6 +600,8 @@ class EventIntegration:
         names = tuple(equations.events[i].name for i in happened)
         record.instants.append(Instant(now.t, names, before, point, now.frame.assembly, np.array(late)))
         self._write(begun, record)
+        if any(equations.events[i].ends for i in happened):
+            raise RunEnded(begun)
         return begun if self.delays is None else self._cut(begun, first)
 
     def _check_chatter(self, time: float, events: list[int], record: Record) -> None:

@@ -49,6 +49,11 @@ def begin_of(model: Model) -> float:
     return _from_model(model.begin) or 0.0
 
 
+def largest_step_of(model: Model) -> float:
+    """The longest step (s) that the diagram allows an integrator; 0 for no limit."""
+    return _from_model(model.largest_step) or 0.0
+
+
 def with_begin(model: Model, begin: Time) -> Model:
     """The diagram with runs that begin at another time."""
     value = seconds(begin, "begin")

@@ -113,7 +113,8 @@ class Unexplained(Simulator):
     def equations(self) -> Equations | None:
         """What the compiled program integrates; None where it cannot."""
         assembly = self.assembly
-        if assembly.flat.events or self.charts.needed or self.quadratures is not None or compiled_cvodes.program() is None \
+        if assembly.flat.events or assembly.flat.delays or self.charts.needed or self.quadratures is not None \
+                or compiled_cvodes.program() is None \
                 or len(self.sensitivities) > len(self.parameters):
             return None
         moving = tuple(self._differentiated(assembly)) if self.sensitivities else ()
@@ -157,7 +158,7 @@ class Unexplained(Simulator):
     def _longest(self) -> float:
         """The longest step, in s, over inputs that are looked up and prescribed functions of time; 0 for no limit."""
         looked_up = SEARCH_RUNS.longest_step * float(np.median(np.diff(self.pieces.breaks))) if self.looks_up else 0.0
-        return min(looked_up or self.longest, self.longest or looked_up)
+        return min((step for step in (looked_up, self.longest, self.largest) if step), default=0.0)
 
     def measured(self, parameters: Mapping[str, float], watch: Watch | None = None) -> tuple[Array, Array]:
         """The signals of the probe (k, N) along a run and their derivatives by the sensitivities (m, k, N). The compiled
@@ -309,7 +310,8 @@ class CaseSimulator(Unexplained):
     def equations(self) -> Equations | None:
         """What the compiled program integrates; None where it cannot."""
         assembly = self.assembly
-        if assembly.flat.events or self.charts.needed or self.sensitivities or compiled_cvodes.program() is None:
+        if assembly.flat.events or assembly.flat.delays or self.charts.needed or self.sensitivities \
+                or compiled_cvodes.program() is None:
             return None
         return _equations(assembly, None, (), self.begin, self.quadratures,
                           None if self.factors is None else self.factors.symbols)

@@ -19,7 +19,7 @@ from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
 from heavebond.numerics.co_simulation import check_allowed
 from heavebond.numerics.dae import Array, Assembly, Factors, Integrand, integrand, newton_loops, substitute_inputs, summed
-from heavebond.numerics.delays import DELAYS, Delays
+from heavebond.numerics.delays import Delays
 from heavebond.numerics.dynamic_state_selection import StateChoice, StateChoices
 from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.event_integration import EventIntegration, reason, settled
@@ -31,7 +31,7 @@ from heavebond.numerics.initialise import Start, Tangent, start, tangent
 from heavebond.numerics.inputs import Pieced, pieced
 from heavebond.numerics.jumps import EventEquations
 from heavebond.numerics.looks import Looks
-from heavebond.numerics.output_times import DENSE_POINTS, Time, grid, refined
+from heavebond.numerics.output_times import DENSE_POINTS, Time, grid, largest_step_of, refined
 from heavebond.numerics.physical_limits import WATCHED, check_limits, limited
 from heavebond.numerics.result import ForwardSensitivities, Result, Settle, Stayed
 from heavebond.numerics.sizes import SIZES, far_below, fitting_sizes
@@ -72,6 +72,7 @@ class Simulator:
         self.along = np.pad(self.along, ((0, 0), (0, len(self.sensitivities) - len(self.parameters))))
         self.time = grid(assembly.model, until, every) if times is None else np.asarray(times, float)
         self.begin = float(self.time[0])  # from which integrators count the time
+        self.largest = largest_step_of(assembly.model)
         self.pieces: Pieced = driven or (like.pieces if like is not None and self._driven_as(like) else
                                          pieced(assembly.flat, float(self.time[0]), float(self.time[-1])))
         self.quadratures, self.factors = quadratures, factors
@@ -178,8 +179,7 @@ class Simulator:
                         tolerances.rtol, tolerances.atol) if self.assembly.flat.delays else None
 
         def build(name: str, made: Integrand, looks: Looks) -> Integrator:
-            most = EVENTS.steps_per_check if looks.limited and delays is None else \
-                DELAYS.steps_per_sample if looks.limited else EVENTS.steps_in_chart if charts.needed \
+            most = EVENTS.steps_per_check if looks.limited else EVENTS.steps_in_chart if charts.needed \
                 else EVENTS.steps_ahead if len(looks.times) > 1 else EVENTS.steps_between
             return integrator(name, made, looks.grid, tolerances, most)
 
@@ -205,7 +205,7 @@ class Simulator:
                                 self.begin), self.factors)
         # an integrator stops where an input changes: the last one counts the kinks
         dae = {**made.dae, "u": stack([made.dae["u"], ca.SX.sym("kinks")])} if self._counts_kinks else made.dae
-        return replace(made, dae=dae, longest=self.longest)
+        return replace(made, dae=dae, longest=min(self.longest or self.largest, self.largest or self.longest))
 
     def _moving(self, assembly: Assembly) -> list[int]:
         """The parameters (indices) that move along the sensitivities: also those that follow the start or are held."""
@@ -330,6 +330,12 @@ class Simulator:
         instants = found.instants if moved is None else tuple(replace(i, delays=i.delays / sizes) for i in found.instants)
         n_q = self.integrals // (1 + len(self.sensitivities))
 
+        stops, output_times, kept = self.stops, self.time, self._keep
+        if found.ended is not None:
+            stops = found.ended
+            output_times = np.append(self.time[self.time < stops[-1]], stops[-1])
+            kept = np.searchsorted(stops, output_times)
+
         def taken(found: Trace, times: Array, keep: NDArray[np.intp]) -> Result:
             """The run at times (n,), which are points of a trace."""
 
@@ -351,10 +357,9 @@ class Simulator:
             stays = tuple((at, in_states(stay.assembly, at, stay.x, stay.z)) for at, stay in others if len(at))
             return in_states(assembly, np.arange(len(keep)), found.x, found.z, stays)
 
-        result = taken(found, self.time, self._keep)
+        result = taken(found, output_times, kept)
         if found.between is None:
-            check_limits(result, taken(found, self.stops, np.arange(len(self.stops)))
-                         if len(self.stops) > len(self.time) else None)
+            check_limits(result, taken(found, stops, np.arange(len(stops))) if len(stops) > len(output_times) else None)
             self._check_decided(result)
             return result
 
@@ -371,7 +376,8 @@ class Simulator:
 
     def _fitting_sizes(self, assembly: Assembly, first: Start, moved: Tangent | None, found: Trace) -> dict[str, float]:
         """Sizes of unknowns that fit a run, where it stays far below those that it was integrated with."""
-        own = np.ones(len(self.stops), bool)
+        stops = self.stops if found.ended is None else found.ended
+        own = np.ones(len(stops), bool)
         reached, nominal, declared = dict[str, float](), dict[str, float](), dict[str, float]()
         for stay in found.stays:
             own &= ~stay.at
@@ -388,29 +394,29 @@ class Simulator:
                 for k, (name, (j, _)) in enumerate(zip(names, unknowns, strict=True)):
                     reached[name] = max(reached.get(name, 0.0), float(largest[0, k] or along[k]))
                     nominal[name], declared[name] = float(sizes[k]), of.flat.unknowns[j].nominal
-        last = len(self.stops) - 1
+        last = len(stops) - 1
         if self.start_equations.asks_tiny_values(first.p):  # what grows from there has to be accurate from the beginning
-            last = 1 + len(self.stops) // 100
+            last = 1 + len(stops) // 100
             early = np.abs(found.x[:len(first.x), :last + 1]).max(axis=1)
             reached |= {name: min(reached[name], float(value))
                         for name, value in zip(assembly.state_names, early, strict=True) if value > 0}
         small = far_below(reached, nominal, declared)
         if not small:
             return {}
-        if len(self.stops) < SIZES.least_stops:
-            times = np.linspace(self.stops[0], self.stops[-1], SIZES.least_stops)
+        if len(stops) < SIZES.least_stops:
+            times = np.linspace(stops[0], stops[-1], SIZES.least_stops)
             dense = Simulator(assembly, times=np.union1d(self.time, times), tolerances=self.tolerances, driven=self.pieces,
                               allow_fmu=True)
             dense_sizes = dense.run().assembly.sizes
             return {} if dense_sizes == assembly.sizes else dict(dense_sizes)
-        chosen = np.unique(np.linspace(0, min(last, len(self.stops) - 1), SIZES.points).astype(int))
-        times, n = self.stops[chosen], len(chosen)
+        chosen = np.unique(np.linspace(0, min(last, len(stops) - 1), SIZES.points).astype(int))
+        times, n = stops[chosen], len(chosen)
         columns = (times[None, :], found.x[:len(first.x), chosen], found.z[:len(first.z), chosen],
                    np.tile(first.p[:, None], (1, n)),
                    self.pieces.at(times) if found.driven is None else found.driven.u[:, chosen], np.ones((1, n)))
-        steps = found.statistics.get("nsteps", len(self.stops))
+        steps = found.statistics.get("nsteps", len(stops))
         assert isinstance(steps, int)
-        steps = steps * last // (len(self.stops) - 1)
+        steps = steps * last // (len(stops) - 1)
         return fitting_sizes(assembly, small, reached, columns, steps, self.tolerances.atol)
 
     def _take_sizes(self, sizes: Mapping[str, float]) -> None:

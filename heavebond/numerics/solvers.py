@@ -90,8 +90,8 @@ def _check(asked: str, assembly: Assembly, changes_states: bool) -> None:
         raise UsageError([algebraic_left(left, place)])
     if asked != "rosenbrock":
         return
-    if assembly.flat.events or changes_states:
-        what = "has events" if assembly.flat.events else "may change its states along a run (a mechanism that turns over)"
+    if assembly.flat.events or assembly.flat.delays or changes_states:
+        what = "has events" if assembly.flat.events else "has delayed variables" if assembly.flat.delays else "may change its states along a run (a mechanism that turns over)"
         other = "idas" if assembly.algebraic_names else "cvodes"
         raise UsageError([Problem(
             "solver-cut", f"rosenbrock cannot run this diagram: it {what}", place, RETYPE.format(other) + ".",

@@ -86,6 +86,7 @@ class Trace:
     statistics: dict[str, object]
     stays: tuple[AlternativeStates, ...] = ()
     driven: Driven | None = None
+    ended: Array | None = None  # the stops of a run that a condition ended, that instant the last
     between: Callable[[], Points] | None = None
 
 
@@ -183,6 +184,7 @@ class Record:
         self.passed: list[tuple[float, tuple[int, ...]]] = []
         self.true_at_start: list[str] | None = None  # conditions that trigger no event there; None before they are known
         self.steps = 0
+        self.ended = False  # by a condition
 
     def write(self, now: EventState, times: Array, y: Array, z: Array) -> None:
         """Record the points at times (n,), with y and z (., n), that are stops."""
@@ -190,6 +192,15 @@ class Record:
             return
         self.keep(now, times, y[:, :len(times)], z[:, :len(times)])
         self.write_stops(now, times, y, z)
+
+    def end(self, now: EventState) -> None:
+        """End the run at a point, which becomes its last stop."""
+        n = int(np.searchsorted(self.stops, now.t - self.same))
+        self.stops, self.ended = np.append(self.stops[:n], now.t), True
+        self.frame = np.append(self.frame[:n], self._number(now.frame))
+        self.y, self.p = np.column_stack([self.y[:, :n], now.y]), np.column_stack([self.p[:, :n], now.p])
+        self.dp = np.concatenate([self.dp[:, :, :n], now.dp[:, :, None]], axis=2)
+        self.z = [np.column_stack([z[:, :n], now.z if k == self.frame[-1] else np.zeros(len(z))]) for k, z in enumerate(self.z)]
 
     def keep(self, now: EventState, times: Array, y: Array, z: Array) -> None:
         """Keep points between the stops, where these are asked for."""
@@ -248,7 +259,8 @@ class Record:
         if self.true_at_start:
             statistics["true_at_start"] = self.true_at_start
         return Trace(x, z, self.y[n_y - integrals:], self.p[held], self.dp[held].transpose(1, 0, 2), tuple(self.instants),
-                     statistics, tuple(stays[1:]), driven if self.home.assembly.flat.delays else None)
+                     statistics, tuple(stays[1:]), driven if self.home.assembly.flat.delays else None,
+                     self.stops if self.ended else None)
 
     def _stay(self, number: int) -> AlternativeStates:
         assembly, blocks = self.frames[number].assembly, 1 + self.dp.shape[1]

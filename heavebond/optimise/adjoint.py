@@ -100,8 +100,9 @@ class Adjoint:
         self.simulator, self.evaluator, self._names = simulator, evaluator, names
         assembly = self._assembly = simulator.assembly
         assembly.parameter_indices(names)  # UsageError for a name that cannot be set
-        if assembly.flat.events:
-            raise UsageError([Problem("adjoint-events", "a run backwards does not go through events", None,
+        if assembly.flat.events or assembly.flat.delays:
+            what = "events" if assembly.flat.events else "delayed variables"
+            raise UsageError([Problem("adjoint-events", f"a run backwards does not go through {what}", None,
                                       "Take forward sensitivities: simulate(..., sensitivities=[...]).")])
         if simulator.solver.name != DEFAULT:
             raise UsageError([Problem("adjoint-solver", f"a run backwards is one of {DEFAULT}, and this simulator was made "

@@ -47,6 +47,9 @@ from heavebond.text.shapes import whole_number
 ALL_PAIRS = 40  # nodes of a domain up to which all pairs of them are places of effects
 
 
+# order of the approximation by which an effect with delayed variables is tried, the default of PadeDelay
+EFFECT_ORDER = "3"
+
 @dataclass(frozen=True)
 class EffectNumber:
     """A number of an effect: its full name, its unit, the bounds within which it is allowed, where it is sought (None:
@@ -313,7 +316,9 @@ def _part(component: Component, numbers: tuple[EffectNumber, ...], more: dict[st
         key = n.name.rpartition(".")[2]
         middle = _middle(n.sought)
         values[key] = quantity(-middle if key in lower and n.sought is not None and n.sought.seen else middle, n.unit)
-    return Part(component.name, {**(more or {}), **values})
+    approximation = component.approximation  # many runs of a search are made without history
+    order = {} if approximation is None else {approximation.order: EFFECT_ORDER}
+    return Part(component.name, {**(more or {}), **order, **values})
 
 
 def _full(component: Component, name: str) -> tuple[tuple[str, str], ...]:
@@ -536,14 +541,16 @@ def _before_input(site: Site, component: Component, effect: Effect) -> Iterator[
             unit = site.network.units.get(leaf.path, {})
             numbers = _numbers(component, effect, name, solved(signal.unit.dimension, unit))
             change = _series_signal(name, _part(component, numbers), into, out, path, wire, leaf)
-            change = replace(change, initial=_at_rest(component, name))
+            change = replace(change, initial=_at_rest(site, component, name))
             yield Candidate(name, component.name, effect.kind, effect.description, f"before {path}", (leaf.path,), change,
                             numbers, "input", _full(component, name), path)
 
 
-def _at_rest(component: Component, name: str) -> dict[str, str]:
+def _at_rest(site: Site, component: Component, name: str) -> dict[str, str]:
     """A signal component begins as if its input had always been what it is at the start: the states that count in the
     input's unit are its value. (A guess: what is no state follows from the equations.)"""
+    if component.approximation is not None:
+        component = site.experiment.model.library.component(component.approximation.kind)
     into, out = _signal_ports(component)
     unit = component.signals[into].unit.dimension
     whole = {p.name: number for p in component.parameters.values() if p.integer and p.default is not None
@@ -574,7 +581,7 @@ def _behind_channel(site: Site, component: Component, effect: Effect) -> Iterato
         formula = f"={output.shown.text}"
         part = _part(component, numbers, {into: formula})
         yield Candidate(name, component.name, effect.kind, effect.description, f"in the channel {channel}", (channel,),
-                        Change({name: part}, initial=_at_rest(component, name), channels={channel: f"{name}.{out}"}),
+                        Change({name: part}, initial=_at_rest(site, component, name), channels={channel: f"{name}.{out}"}),
                         numbers, "channel", _full(component, name))
 
 
