@@ -48,6 +48,8 @@ def export(model: str, output: Path, version: str, inputs: tuple[str, ...], sett
     console.print(terminal.table(made.name, ("", "name", "unit", "start"), [
         (title, q.name, q.unit.text, f"{q.start:.6g}") for title in ("inputs", "outputs") for q in groups[title]], text=3))
     console.print(", ".join(f"{len(found)} {name}" for name, found in groups.items() if found), soft_wrap=True)
+    for path, kind, other in made.assembly.flat.expanded.approximated:
+        console.print(f"{path} ({kind}) is a {other} in it: what is exported keeps no history", soft_wrap=True)
     console.print(f"wrote {output}", soft_wrap=True)
     return {"model": made.name, "file": str(output), **{name.replace(" ", "_"): _listed(g) for name, g in groups.items()}}
 

@@ -23,7 +23,7 @@ SAMPLE_TIME = "sampletime"
 SAMPLE = "sample"  # the event at every sample
 SAMPLED = "sampled"  # ending of the names of what a value was at the last sample
 DELAYED = "state of the delay"
-PAIRS = 3  # of states in a delay, as in the library's Delay
+PAIRS = 3  # of states in a delay, as in the library's PadeDelay
 
 
 class Memory:
@@ -89,7 +89,7 @@ class Memory:
         return found
 
     def delayed(self, args: list[Expr], line: int) -> Expr:
-        """`tdelay(x, T)`: x delayed by the approximation of Pade, in the form of the library's Delay: a ladder of `PAIRS`
+        """`tdelay(x, T)`: x delayed by the approximation of Pade, in the form of the library's PadeDelay: a ladder of `PAIRS`
         pairs of states w and z that are 0 at the start, as if x had been 0 before."""
         if len(args) != 2:
             raise Unreadable(line, "`tdelay` needs a value and a delay")

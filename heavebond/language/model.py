@@ -13,7 +13,7 @@ from heavebond.core import facade
 from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, Problems, UsageError, listing, suggest
 from heavebond.core.presentation import brief, count
 from heavebond.language import reading
-from heavebond.language.definition import Body, End, FileInput, Instance, Value, Wire
+from heavebond.language.definition import Body, End, FileInput, Formula, Instance, Value, Wire
 from heavebond.language.library import Library, bundled, is_bundled, joined_functions, library, shown_path
 from heavebond.language.sections import (
     Condition,

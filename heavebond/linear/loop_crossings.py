@@ -72,7 +72,7 @@ CROSSINGS = CrossingConstants()
 class Transfer:
     """L(s) = C (s - A)^-1 B + D with rates counted in `rate` (1/s): a (n, n), b (n,), c (n,) balanced; e^(-s dead_time) L
     is the loop with a dead time in s. With `exact`, a function of omega (N,) in rad/s, the matrices are an approximation of
-    a loop with delayed variables, and place the brackets only."""
+    a loop with delayed variables, whose delays together are `lag` (s), and place the brackets only."""
 
     a: Array
     b: Array
@@ -81,6 +81,12 @@ class Transfer:
     rate: float
     dead_time: float = 0.0
     exact: Callable[[Array], Complex] | None = None
+    lag: float = 0.0
+
+    @property
+    def turning(self) -> float:
+        """The time (s) of all delays, with which the phase turns without end."""
+        return self.dead_time + self.lag
 
     def rational(self, omega: Array) -> Complex:
         """L (N,) at omega (N,) in rad/s, without the dead time."""
@@ -146,7 +152,8 @@ def zeros(of: Transfer) -> Complex:
 def magnitude_crossings(of: Transfer, level: float = 1.0, shift: float = 0.0) -> list[float]:
     """Every omega > 0 in rad/s at which |shift + L| without its dead time passes through a level."""
     marks = np.abs(_magnitude_marks(of, level, shift).imag)
-    return _refined(of, marks, lambda omega: np.log(np.abs(shift + of.rational(omega)) / level), np.zeros(1))
+    more = _steps(of, float(marks.max(initial=0.0)), CROSSINGS.points_per_turn) if of.lag else np.zeros(1)
+    return _refined(of, marks, lambda omega: np.log(np.abs(shift + of.rational(omega)) / level), more)
 
 
 def _magnitude_marks(of: Transfer, level: float, shift: float) -> Complex:
@@ -163,9 +170,9 @@ def real_crossings(of: Transfer) -> list[float]:
     """Every omega > 0 in rad/s at which L is real; with a dead time, where there is no end of them, all that are below the
     last frequency at which |L| is above the largest value below 1 that one of them has."""
     marks = np.abs(_real_marks(of).imag)
-    if not of.dead_time:
+    if not of.turning:
         return _refined(of, marks, lambda omega: _sine(of.at(omega)), np.zeros(0))
-    turn = 2 * np.pi / of.dead_time
+    turn = 2 * np.pi / of.turning
     span = max(magnitude_crossings(of), default=0.0) + 2 * turn
     while True:
         found = _refined(of, marks, lambda omega: _sine(of.at(omega)), _steps(of, span, CROSSINGS.points_per_turn))
@@ -179,11 +186,11 @@ def real_crossings(of: Transfer) -> list[float]:
 
 def _steps(of: Transfer, span: float, turn: int) -> Array:
     """Frequencies in rad/s up to a span, so many for each turn of the dead time's phase; UsageError for too many."""
-    number = int(np.ceil(span * of.dead_time / (2 * np.pi) * turn))
+    number = int(np.ceil(span * of.turning / (2 * np.pi) * turn))
     if number > CROSSINGS.max_points:
-        raise UsageError([Problem("dead-time-long", f"the phase of a dead time of {of.dead_time:g} s turns {number // turn} "
+        raise UsageError([Problem("dead-time-long", f"the phase of a dead time of {of.turning:g} s turns {number // turn} "
                                   "times where the loop still has gain", None, "Take a shorter one.")])
-    return np.asarray(np.arange(1, number + 1) * (2 * np.pi / turn / of.dead_time), dtype=float)
+    return np.asarray(np.arange(1, number + 1) * (2 * np.pi / turn / of.turning), dtype=float)
 
 
 def _real_marks(of: Transfer) -> Complex:
@@ -206,8 +213,8 @@ def least_distance(of: Transfer) -> tuple[float, float]:
     if np.isfinite(of.static):
         best = min(best, (abs(1 + of.static), 0.0))
     best = min(best, _nearest(of, _nodes(of, marks, np.zeros(0))))
-    if of.dead_time:  # where |L| is below 1 - d, -1 is farther away than d
-        span = max(magnitude_crossings(of, max(1 - best[0], 1e-3)), default=0.0) + 2 * np.pi / of.dead_time
+    if of.turning:  # where |L| is below 1 - d, -1 is farther away than d
+        span = max(magnitude_crossings(of, max(1 - best[0], 1e-3)), default=0.0) + 2 * np.pi / of.turning
         return min(best, _nearest(of, _nodes(of, marks, _steps(of, span, 2 * CROSSINGS.points_per_turn))))
     for _ in range(CROSSINGS.max_rounds):
         lower = magnitude_crossings(of, (1 - CROSSINGS.closer) * best[0], 1.0) if best[0] > 0 else []

@@ -168,7 +168,8 @@ def transfer_of(loop: StateSpace, dead_time: float = 0.0) -> crossing.Transfer:
     sizes, exact = loop.sizes, loop.exact
     found = crossing.transfer(loop.a * sizes / sizes[:, None], loop.b[:, 0] / sizes, loop.c[0] * sizes,
                               float(loop.d[0, 0]), dead_time)
-    return found if exact is None else replace(found, exact=lambda omega: loop.response(1j * omega)[:, 0, 0])
+    return found if exact is None else replace(
+        found, exact=lambda omega: loop.response(1j * omega)[:, 0, 0], lag=float(exact.delays.sum()))
 
 
 def loop_frequencies(loop: StateSpace, found: Crossings) -> Array:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from heavebond.core.errors import HeavebondError, Problem, StartError, UsageError
+from heavebond.core.errors import HeavebondError, Problem, StartError, UsageError, listing
 from heavebond.core.units import read_unit
 from heavebond.equations.flatten import flatten
 from heavebond.equations.reduce import reduce_flattened
@@ -54,6 +54,7 @@ class OperatingPoints:
         self._assemble(_steady(model) if self.steady else model)
         if not disturbances:
             self._fill()
+        self.filled = " ".join(filter(None, (self.filled, approximations(self.assembly.flat.expanded.approximated))))
 
     def _assemble(self, model: Model) -> None:
         self.assembly = build(reduce_flattened(lambda corners: disturbed(
@@ -138,6 +139,13 @@ class OperatingPoints:
             point = _still(assembly, self.equations,
                            start_point(start(replace(assembly, p=p), self.begin, u, self.equations), u))
         return first
+
+
+def approximations(approximated: Sequence[tuple[str, str, str]]) -> str:
+    """A sentence on components with delayed variables whose places approximations take."""
+    parts = listing([f"{path} ({kind}) as a {other}" for path, kind, other in approximated], 4)
+    return f"States, poles, zeros and steps have an approximation without history: {parts}. Frequency responses and margins " \
+        "are exact." if approximated else ""
 
 
 def stuck(assembly: Assembly, point: Point) -> list[str]:

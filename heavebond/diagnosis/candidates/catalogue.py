@@ -45,10 +45,9 @@ from heavebond.text.expression import Name, Number, names, parse_formula
 from heavebond.text.shapes import whole_number
 
 ALL_PAIRS = 40  # nodes of a domain up to which all pairs of them are places of effects
-
-
 # order of the approximation by which an effect with delayed variables is tried, the default of PadeDelay
 EFFECT_ORDER = "3"
+
 
 @dataclass(frozen=True)
 class EffectNumber:

@@ -1,0 +1,158 @@
+"""Delayed variables: exact in runs, with sensitivities, in frequency responses; the line by characteristics."""
+
+from __future__ import annotations
+
+from math import factorial
+
+import numpy as np
+import pytest
+
+import heavebond as hb
+from heavebond.core.errors import HeavebondError
+
+LOOP = """
+model: delayed_loop
+components:
+  i: {{is: Integrator, k: {k} 1/s, u: "=-d.y"}}
+  d: {{is: Delay, T: {T} s, u: "=i.y"}}
+initial: {{i.y: 1}}
+simulate: {{until: {until} s, every: 20 ms}}
+"""
+STEP = """
+model: delayed_step
+components:
+  s: {is: Step, t_s: 0.1 s, before: 0, after: 1}
+  d: {is: Delay, T: 0.1 s}
+nodes: {u: [s.y, d.u], y: [d.y]}
+simulate: {until: 0.4 s, every: 1 ms}
+"""
+
+
+def by_steps(t, T):
+    """x' = -x(t - T) with x = 1 before 0: sum((-1)**k (t - (k - 1) T)**k / k!) over the terms with t > (k - 1) T."""
+    return sum((-1)**k * np.clip(t - (k - 1) * T, 0, None)**k / factorial(k) for k in range(int(t.max() / T) + 2))
+
+
+@pytest.mark.parametrize(("T", "until"), [(1.0, 4.0), (0.05, 0.5)])
+def test_scalar_delay_equation_is_its_polynomials(T, until):
+    run = hb.simulate(hb.loads(LOOP.format(T=T, until=until, k=1)))
+    # rtol is 1e-8 a step; some hundred steps add up
+    assert np.abs(run["i.y"] - by_steps(run.time, T)).max() < 1e-6
+
+
+def test_step_is_zero_until_the_delay_is_over():
+    run = hb.simulate(hb.loads(STEP))
+    assert np.all(np.abs(run["d.y"] - (run.time > 0.2 - 1e-9)) < 1e-9)
+    assert run.verdict.findings == ()
+
+
+def test_delay_of_zero_passes_its_input_through():
+    run = hb.simulate(hb.loads(LOOP.format(T=0, until=1, k=1)))
+    np.testing.assert_array_equal(run["d.y"], run["i.y"])
+    # exp(-t) to the accumulated error of the steps
+    assert np.abs(run["i.y"] - np.exp(-run.time)).max() < 1e-6
+
+
+def test_sensitivities_of_a_delayed_loop_are_its_difference_quotients():
+    whole = hb.simulate(hb.loads(LOOP.format(T=0.5, until=2, k=1)), sensitivities=["d.T", "i.k"])
+    # d/dT and d/dk of the polynomials: x depends on k t and k T only, x(t) = X(k t, k T)
+    h = 1e-5
+    t = whole.time
+    by_T = (by_steps(t, 0.5 + h) - by_steps(t, 0.5 - h)) / (2 * h)
+    by_k = (by_steps(t * (1 + h), 0.5 * (1 + h)) - by_steps(t * (1 - h), 0.5 * (1 - h))) / (2 * h)
+    # sensitivities are accurate to about 1e-4 of their largest value (Tolerances.along)
+    assert np.abs(whole.sensitivity("i.y", "d.T") - by_T).max() < 1e-4
+    assert np.abs(whole.sensitivity("i.y", "i.k") - by_k).max() < 1e-4
+
+
+def test_sensitivity_of_a_delayed_step_to_its_delay_is_that_of_a_shifted_ramp():
+    text = STEP.replace("nodes:", '  i: {is: Integrator, k: 1 1/s}\nnodes:').replace("y: [d.y]", "y: [d.y, i.u]")
+    run = hb.simulate(hb.loads(text), sensitivities=["d.T", "s.t_s"])
+    after = run.time > 0.2 + 1e-9
+    np.testing.assert_allclose(run["i.y"], np.clip(run.time - 0.2, 0, None), atol=1e-8)
+    for name in ("d.T", "s.t_s"):  # i.y = t - t_s - T: the slope is -1 after the step, 0 before
+        np.testing.assert_allclose(run.sensitivity("i.y", name)[run.time < 0.2 - 1e-9], 0, atol=1e-6)
+        np.testing.assert_allclose(run.sensitivity("i.y", name)[after], -1, atol=1e-4)
+
+
+@pytest.mark.parametrize(("gain", "grows"), [(1.55, False), (1.59, True)])
+def test_loop_of_an_integrator_is_stable_up_to_half_pi_over_the_delay(gain, grows):
+    run = hb.simulate(hb.loads(LOOP.format(T=1, until=40, k=gain)))
+    late, before = (np.abs(run["i.y"][(run.time > a) & (run.time < a + 8)]).max() for a in (32, 12))
+    assert (late > before) == grows
+
+
+def test_delayed_sine_is_shifted():
+    text = """
+model: sine
+components:
+  d: {is: Delay, T: 0.13 s, u: "=sin(2*pi*time/(1 s))"}
+simulate: {until: 2 s, every: 10 ms}
+"""
+    run = hb.simulate(hb.loads(text))
+    after = run.time > 0.13
+    # the interpolation is not to add to the tolerance of the integrator
+    assert np.abs(run["d.y"] - np.sin(2 * np.pi * (run.time - 0.13)))[after].max() < 1e-7
+
+
+def test_margins_of_a_delayed_loop_are_exact():
+    # L = k exp(-s T)/s: gain 1 at omega = k, the phase margin is 90 deg - k T; the gain margin is pi/(2 k T)
+    margins = hb.loop_margins(hb.loads(LOOP.format(T=0.2, until=1, k=2)), "d.y")
+    assert margins.least_phase.value == pytest.approx(90 - np.degrees(0.4), abs=1e-6)
+    assert margins.gain_up.value == pytest.approx(np.pi / (2 * 0.4), rel=1e-6)
+
+
+def test_pade_order_replaces_the_exact_delay():
+    run = hb.simulate(hb.loads(STEP.replace("T: 0.1 s", "T: 0.1 s, m: 3")))
+    assert run.assembly.state_names and not run.assembly.flat.delays
+
+
+def test_water_hammer_reaches_joukowsky_without_ripples():
+    text = """
+model: hammer
+components:
+  s: {is: PressureSource, p_0: 5 bar}
+  w: {is: Water}
+  l: {is: TransmissionLine, length: 100 m, d: 50 mm}
+  v: {is: BypassValve, q_r: 120 L/min, dp_r: 5 bar, u: "=1 - min(max((time - 0.1 s)/1 ms, 0), 1)"}
+  t: {is: Tank}
+nodes: {s: [s.a, w.a, l.a], e: [l.b, v.a], t: [v.b, t.a]}
+initial: {start: steady}
+simulate: {until: 0.3 s, every: 1 ms}
+"""
+    run = hb.simulate(hb.loads(text))
+    rho, beta, area = 998.2, 2.18e9, np.pi / 4 * 0.05**2
+    first = run["e.p"][0]
+    joukowsky = first + np.sqrt(rho * beta) * run["v.q"][0] / area
+    back = 2 * 100 / np.sqrt(beta / rho)  # the wave returns with the opposite sign
+    closed = (run.time > 0.102) & (run.time < 0.1 + back)
+    assert run["e.p"][closed].max() == pytest.approx(joukowsky, rel=0.01)
+    assert np.ptp(run["e.p"][closed]) < 0.01 * joukowsky
+
+
+def test_run_ends_where_its_condition_is_met():
+    text = """
+model: fall
+components:
+  i: {is: Integrator, k: 2 1/s, u: "=1"}
+simulate: {until: {when: i.y > 0.5, at_most: 10 s}, every: 0.1 s}
+"""
+    run = hb.simulate(hb.loads(text), sensitivities=["i.k"])
+    assert run.time[-1] == pytest.approx(0.25, abs=1e-9)
+    assert run["i.y"][-1] == pytest.approx(0.5, abs=1e-9)
+    assert run.events == [(pytest.approx(0.25, abs=1e-9), "until")]
+    assert run.event_sensitivity("until", 0, "i.k") == pytest.approx(-0.125, abs=1e-6)  # t = 0.5/k
+    late = hb.simulate(hb.loads(text.replace("0.5,", "50,")))
+    assert late.time[-1] == 10
+    with pytest.raises(HeavebondError, match="true at the start"):
+        hb.simulate(hb.loads(text.replace("i.y > 0.5", "i.y < 0.5")))
+
+
+def test_largest_step_bounds_the_steps():
+    text = """
+model: slow
+components:
+  i: {is: FirstOrderLag, T_1: 1 s, u: "=1"}
+simulate: {until: 10 s, every: 1 s, largest_step: 10 ms}
+"""
+    assert hb.simulate(hb.loads(text)).statistics["nsteps"] >= 1000
