@@ -35,6 +35,8 @@ class DelayConstants:
         of an oscillation, in which the interpolation errs by 1e-10. Doubled: by 1e-8, half of the evaluations.
     stencil: samples of an interpolating polynomial. Origin: its order is above that of the integrator. Doubled: it oscillates
         where the samples are rounded.
+    apart: distance of two samples of a stencil, at least, over that of the two around a time. Origin: rounding is magnified
+        by some hundred at most. Doubled: fewer of close samples, with errors of a wider stencil.
     tolerance: error of the polynomial pieces in the equations, over the tolerance of the integrator. Origin: it is not to add
         to the error of the integrator. Doubled: slightly longer pieces.
     parts: samples and pieces of one window, at most: a shorter window resolves a short transient in the history. Origin:
@@ -48,6 +50,7 @@ class DelayConstants:
     samples: int = 32
     mean_steps: float = 1.0
     stencil: int = 6
+    apart: float = 0.25
     tolerance: float = 0.1
     parts: int = 1024
     halvings: int = 30
@@ -96,22 +99,32 @@ class Stretch:
         self.number = end
 
     def at(self, times: Array, rows: Array) -> Array:
-        """Some rows at times (n,), interpolated: (rows, n)."""
-        known, width = self.times, min(DELAYS.stencil, self.number)
-        if width == 1:
+        """Some rows at times (n,), interpolated: (rows, n). The integrator begins each call with short steps: the stencil
+        leaves out samples that are much closer together than the two around a time, whose rounding it would magnify."""
+        known, number = self.times, self.number
+        if number == 1:
             return np.tile(self.values[0, rows][:, None], (1, len(times)))
-        first = np.clip(np.searchsorted(known, times) - width // 2, 0, self.number - width)
-        stencil = first[:, None] + np.arange(width)
-        nodes = known[stencil]
-        scale = nodes[:, -1:] - nodes[:, :1]
-        away, apart = (times[:, None] - nodes) / scale, (nodes[:, :, None] - nodes[:, None, :]) / scale[:, :, None]
-        k = np.arange(width)
-        apart[:, k, k] = 1.0
-        weights = np.ones((len(times), width))
-        for j in range(width):
-            weights *= np.where(k == j, 1.0, away[:, j:j + 1])
-        weights /= apart.prod(axis=2)
-        return np.einsum("nk,nkr->rn", weights, self.values[stencil][:, :, rows])
+        left = np.clip(np.searchsorted(known, times, side="right") - 1, 0, number - 2)
+        right = left + 1
+        apart, middle = DELAYS.apart * (known[right] - known[left]), (known[right] + known[left]) / 2
+        stencil, valid = [left, right], [np.ones(len(times), bool)] * 2
+        for _ in range(DELAYS.stencil - 2):
+            lower = np.searchsorted(known, known[left] - apart, side="right") - 1
+            upper = np.searchsorted(known, known[right] + apart, side="left")
+            here = (lower >= 0) & ((upper >= number) | (middle - known[lower] <= known[np.clip(upper, 0, number - 1)] - middle))
+            there = ~here & (upper < number)
+            left, right = np.where(here, lower, left), np.where(there, upper, right)
+            stencil.append(np.where(here, lower, right))
+            valid.append(here | there)
+        chosen, used = np.column_stack(stencil), np.column_stack(valid)
+        nodes = known[chosen]
+        scale = (known[right] - known[left])[:, None]
+        away, between = (times[:, None] - nodes) / scale, (nodes[:, :, None] - nodes[:, None, :]) / scale[:, :, None]
+        weights = np.where(used, 1.0, 0.0)
+        for j in range(DELAYS.stencil):
+            other = used[:, j:j + 1] & (np.arange(DELAYS.stencil) != j) & used
+            weights = np.where(other, weights * away[:, j:j + 1] / np.where(other, between[:, :, j], 1.0), weights)
+        return np.einsum("nk,nkr->rn", weights, self.values[chosen][:, :, rows])
 
 
 class Delays:
