@@ -9,6 +9,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.core.errors import ModelError, Place, Problems, listing
 from heavebond.core.units import (
@@ -54,6 +55,7 @@ from heavebond.language.values import add_formula_problem, check_dimension
 from heavebond.text.expression import ExpressionProblem, calling, constant, names, parse_formula
 
 SECOND = declared_unit("s").dimension
+Array = NDArray[np.float64]
 Entries = list[tuple[int, int]]  # (column, kind); column = level * len(unknowns) + unknown
 
 
@@ -147,7 +149,7 @@ class Flat:
     block_bonds: dict[str, Bond] = field(default_factory=dict)  # of the blocks that they are in
     domains: dict[str, Domain] = field(default_factory=dict)    # by the path of a node or port
     delays: tuple[DelayedVariable, ...] = ()
-    passed_through: tuple[str, ...] = ()  # delayed variables whose delay is zero: they equal their sources
+    passed_through: tuple[DelayedVariable, ...] = ()  # those whose delay is zero: they equal their sources
     templates: dict[str, Template] = field(default_factory=dict, repr=False)
     # `also` and `widths`, with which `flatten` makes the same of the diagram; None if other equations were put in since
     options: tuple[tuple[str, ...], float] | None = None
@@ -166,6 +168,18 @@ class Flat:
     def driving(self) -> tuple[KnownInput | DelayedVariable, ...]:
         """What drives the equations as known functions of time: each has symbols for its value and three derivatives."""
         return (*self.inputs, *self.delays)
+
+    @cached_property
+    def delay_lengths(self) -> ca.Function:
+        """The lengths (n,) in s of the delays, then of those that are zero, given p."""
+        return ca.Function("delays", [self.p], [stack(d.delay for d in (*self.delays, *self.passed_through))])
+
+    def other_delays(self, p: Array) -> bool:
+        """Whether a delay that is zero is none with parameters (n_p,), or one that is not zero is."""
+        if not self.delays and not self.passed_through:
+            return False
+        zero = np.array(self.delay_lengths(p)).ravel() == 0
+        return bool(zero[:len(self.delays)].any() or not zero[len(self.delays):].all())
 
     @cached_property
     def energetics(self) -> tuple[Energetics, ...]:
@@ -255,7 +269,7 @@ class _Builder:
         self.constants = parameters.expressions
         self.inputs: list[KnownInput] = []
         self.delays: list[DelayedVariable] = []
-        self.passed_through: list[str] = []
+        self.passed_through: list[DelayedVariable] = []
         self.equations: list[FlatEquation] = []
         self.pieces: list[ca.SX] = []  # residuals: columns are stacked far faster than their elements
         self.number = 0  # of all in these
@@ -517,15 +531,16 @@ class _Builder:
             if not value >= 0:
                 self.problems.add("delay-negative", f"the delay of {full} is {value:g} s", d.by.place,
                                   hint="A signal cannot be known before it is there: give a time of 0 s or more.")
-            elif value == 0:
-                self.passed_through.append(full)
+                continue
+            symbols = stack([ca.SX.sym("d" * k + "delayed " + full) for k in range(4)])
+            delayed_variable = DelayedVariable(full, symbols, self.columns[0][source], length, index[f"history.{full}"], d.place,
+                                               self.unknowns[column].nominal)
+            if value == 0:
+                self.passed_through.append(delayed_variable)
                 self._add(FlatEquation(path, "a delay of zero", f"{name} = {d.of}", d.place, subject=full),
                           self._kept(self.columns[0][column] - self.columns[0][source])[0], [(column, 0), (source, 0)])
             else:
-                symbols = stack([ca.SX.sym("d" * k + "delayed " + full) for k in range(4)])
-                self.delays.append(DelayedVariable(
-                    full, symbols, self.columns[0][source], length, index[f"history.{full}"], d.place,
-                    self.unknowns[column].nominal))
+                self.delays.append(delayed_variable)
                 self._add(FlatEquation(path, f"{name} is {d.of}, delayed", f"{name} = {d.of}, {d.by.text} earlier", d.place,
                                        role=EquationRole.MEASURED, subject=full),
                           self._kept(self.columns[0][column] - symbols[0])[0], [(column, 0)])

@@ -115,12 +115,17 @@ class Assembly:
         return dict(zip(self.parameter_names, self.p.tolist(), strict=True))
 
     def with_parameters(self, values: Mapping[str, float | str]) -> Assembly:
-        """The same equations with other numbers; UsageError for a name that is no independent parameter, ModelError for a
-        value that its component does not allow."""
+        """The same equations with other numbers (other equations only where a delay becomes zero, or is zero no more);
+        UsageError for a name that is no independent parameter, ModelError for a value that its component does not allow."""
         p = self.p.copy()
         for (name, given), k in zip(values.items(), self.parameter_indices(values), strict=True):
             p[k] = self._number(name, given, k)
         self.flat.limits.check(p, values)
+        if self.flat.other_delays(p):  # a variable that equals its source has other equations than one that is delayed
+            known = dict(zip(self.parameter_names, p.tolist(), strict=True))
+            given = {name: value for name, value in known.items() if name in values}
+            made = assemble(self.model.with_parameters(given), [u.name for u in self.flat.unknowns if u.role == "position"])
+            return replace(made, p=np.array([known.get(name, value) for name, value in made.parameter_values.items()]))
         return replace(self, p=p)
 
     def parameter_indices(self, names: Iterable[str]) -> list[int]:

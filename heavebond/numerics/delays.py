@@ -127,6 +127,16 @@ class Stretch:
         return np.einsum("nk,nkr->rn", weights, self.values[chosen][:, :, rows])
 
 
+@dataclass(frozen=True)
+class Return:
+    """A discontinuity that returns in the delayed variable of a number: its sensitivity (m,), and the column of u with the
+    value right after it."""
+
+    delay: int
+    late: Array
+    column: Array
+
+
 class Delays:
     """The delayed variables of one run: `begin_run`, then `open` a window, integrate in it with `inputs`, and `sample` the
     points that were reached."""
@@ -275,11 +285,18 @@ class Delays:
             columns += [column for _, _, column in found]
         return end, shortest
 
-    def returned(self, t: float) -> list[tuple[int, Array]]:
-        """The delays with a discontinuity that returns at a time, and its sensitivity (m,)."""
-        return [(k, self.breaks[at][1] + self.moved[k]) for k, (at, length) in enumerate(zip(
-            self._next, self.lengths.tolist(), strict=True))
-            if at < len(self.breaks) and abs(self.breaks[at][0] + length - t) <= self.same]
+    def returned(self, t: float) -> list[Return]:
+        """The discontinuities that return at a time, in the order in which they happened."""
+        found = []
+        for k, length in enumerate(self.lengths.tolist()):
+            at = self._next[k]
+            while at < len(self.breaks) and self.breaks[at][0] + length <= t + self.same:
+                if self.breaks[at][0] + length >= t - self.same:
+                    column = np.zeros(DELAY_ROWS)
+                    column[:4] = 1.0, t, 0.0, self.stretches[at].values[0, k]
+                    found.append(Return(k, self.breaks[at][1] + self.moved[k], column))
+                at += 1
+        return found
 
     def check_jump(self, k: int, t: float, before: Array, after: Array) -> None:
         """SimulationError where a delayed variable jumps, from one of its columns of u to another, whose rate the equations

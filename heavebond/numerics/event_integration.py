@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem, SimulationError, either
 from heavebond.numerics.dae import DELAY_ROWS, Array, Integrand
-from heavebond.numerics.delays import DELAYS, Delays
+from heavebond.numerics.delays import DELAYS, Delays, Return
 from heavebond.numerics.dynamic_state_selection import STATE_SELECTION, StateChoice, StateChoices, columns_of
 from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.initialise import Start, Tangent
@@ -215,25 +215,26 @@ class EventIntegration:
                 now = self._returned(now, returned, record)
         return now
 
-    def _returned(self, now: EventState, returned: list[tuple[int, Array]], record: Record) -> EventState:
-        """Pass discontinuities of delayed variables, by their numbers and with their sensitivities (m,): the states are
-        continuous, what follows from them is solved for anew, and conditions may become true."""
+    def _returned(self, now: EventState, returned: list[Return], record: Record) -> EventState:
+        """Pass discontinuities of delayed variables: the states are continuous, what follows from them is solved for anew,
+        and conditions may become true."""
         assert self.delays is not None
         delays, equations, moved, point = self.delays, now.frame.equations, self._moved(now), self._point(now)
         delays.open(now.t, np.inf)
         after, factors = self._driven(np.array([now.t])), self.inputs(np.array([now.t]))[self.n_u:, 0]
         x, q, rates = moved.x.copy(), moved.q.copy(), equations.rates(point, factors) if now.blocks > 1 else None
-        for k, late in returned:
-            u, rows = point.u.copy(), slice(delays.offset + DELAY_ROWS * k, delays.offset + DELAY_ROWS * (k + 1))
-            u[rows] = after.u[rows, 0]
-            delays.check_jump(k, now.t, point.u[rows], u[rows])
+        for at in returned:
+            u, first = point.u.copy(), delays.offset + DELAY_ROWS * at.delay
+            u[first:first + DELAY_ROWS] = at.column
+            delays.check_jump(at.delay, now.t, point.u[first:first + DELAY_ROWS], at.column)
             point = equations.settled(replace(point, u=u), [])
             if rates is not None:
                 then = equations.rates(point, factors)
-                x, q = x + np.outer(rates[0] - then[0], late), q + np.outer(rates[1] - then[1], late)
+                x, q = x + np.outer(rates[0] - then[0], at.late), q + np.outer(rates[1] - then[1], at.late)
                 rates = then
+        point = equations.settled(replace(point, u=after.u[:, 0]), [])
         moved = PointSensitivity(x, q, moved.p, after.along[:, :, 0].T)
-        return self._happen(now.standing(point, moved), [], [late for _, late in returned], record)
+        return self._happen(now.standing(point, moved), [], [at.late for at in returned], record)
 
     def _cut(self, now: EventState, late: Array) -> EventState:
         """A discontinuity at a point, with its sensitivity: the history of the delays begins a new stretch."""

@@ -70,6 +70,7 @@ class Simulator:
         self.sensitivities = (*self.parameters, *(assembly.state_names if free_start else ()))
         self.along = _directions(assembly, self.parameters, self.tolerances.along)
         self.along = np.pad(self.along, ((0, 0), (0, len(self.sensitivities) - len(self.parameters))))
+        _check_delays(assembly, self.along, self.parameters)
         self.time = grid(assembly.model, until, every) if times is None else np.asarray(times, float)
         self.begin = float(self.time[0])  # from which integrators count the time
         self.largest = largest_step_of(assembly.model)
@@ -259,6 +260,11 @@ class Simulator:
         """
         check()
         began = clock.perf_counter()
+        if parameters and (self.assembly.flat.delays or self.assembly.flat.passed_through) and \
+                (assembly := self.assembly.with_parameters(parameters)).flat is not self.assembly.flat:
+            return type(self)(assembly, times=self.time, tolerances=self.tolerances, quadratures=self.quadratures,
+                              factors=self.factors, sensitivities=self.parameters, driven=self.pieces if
+                              self.assembly.flat.inputs else None, allow_fmu=True, dense=self.dense).run()
         with self._turn:
             if self.assembly.sizes != self._base_sizes and parameters != self._sized_for:
                 self._take_sizes(self._base_sizes)  # sizes that fit one run are not those of another
@@ -643,6 +649,20 @@ class Simulator:
     def _settled(self, x: Array, z: Array, p: ca.DM | Array, times: Array) -> Array:
         return z if self.loops is None else settled(self.loops, x, z, p, times - self.begin,
                                                     self.inputs(times))
+
+
+def _check_delays(assembly: Assembly, along: Array, names: tuple[str, ...]) -> None:
+    """UsageError for a sensitivity by a delay of zero, with which the equations change."""
+    zero = assembly.flat.passed_through
+    if not zero or not names:
+        return
+    moved = np.array(ca.Function("moved", [assembly.flat.p], [ca.jacobian(stack(d.delay for d in zero), assembly.flat.p)])(
+        assembly.p)) @ along
+    if (moving := np.argwhere(moved)).size:
+        k, column = moving[0].tolist()
+        raise UsageError([Problem("delay-zero", f"the delay of {zero[k].name} is 0 s, and its derivative by {names[column]} was "
+                                  "asked for: a delay of zero can only grow", zero[k].place,
+                                  "Give it a small delay, or leave this sensitivity out.")])
 
 
 def _by_direction(values: Array, sizes: Array) -> Array:
