@@ -137,6 +137,30 @@ def test_a_line_resonates_as_the_exact_line_with_friction() -> None:
     assert abs(np.sqrt(steady/shunt)*np.tanh(20*np.sqrt(steady*shunt))*0.2*LPM) > 1.3*abs(exact)
 
 
+@checks("TransmissionLine")
+def test_water_hammer_reaches_joukowsky_without_ripples() -> None:
+    """The valve closes in 1 ms: the pressure rises by rho a v until the wave returns after 2 L/a, and stays level."""
+    found = run("""\
+model: hammer
+components:
+  s: {is: PressureSource, p_0: 30 bar}
+  w: {is: Water}
+  l: {is: TransmissionLine, length: 100 m, d: 50 mm}
+  v: {is: BypassValve, q_r: 120 L/min, dp_r: 30 bar, u: "=1 - min(max((time - 0.1 s)/1 ms, 0), 1)"}
+  t: {is: Tank}
+nodes: {s: [s.a, w.a, l.a], e: [l.b, v.a], t: [v.b, t.a]}
+initial: {start: steady}
+simulate: {until: 0.25 s, every: 1 ms}
+""")
+    speed = np.sqrt(2.18e9/998.2)
+    rise = 998.2*speed*found["v.q"][0]/(PI/4*0.05**2)
+    closed = (found.time > 0.1015) & (found.time < 0.1 + 2*100/speed - 1e-3)
+    agree(found["e.p"][closed], found["e.p"][0] + rise, rtol=0.01)      # half of the friction, 0.1 bar, is at each end
+    agree(found["e.p"][closed], found["e.p"][closed][0], rtol=1e-4)     # no ripples
+    back = (found.time > 0.1015 + 2*100/speed) & (found.time < 0.24)
+    agree(found["e.p"][back], found["e.p"][0] - rise, rtol=0.02)        # reflected with the opposite sign at the source
+
+
 # -- gas ---------------------------------------------------------------------------------------------------------------
 @checks("CavitatingVolume")
 def test_gas_is_released_below_saturation_and_a_cavity_collapses() -> None:

@@ -9,7 +9,7 @@ import pytest
 from library_check import CHECKED, Array, _seen, agree, checks, cubic_spline, part, run
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import cumulative_trapezoid
-from scipy.interpolate import RegularGridInterpolator
+from scipy.interpolate import PchipInterpolator, RegularGridInterpolator
 from scipy.special import gamma
 
 import heavebond as hb
@@ -144,8 +144,14 @@ STATIC: list[tuple[str, dict[str, object], dict[str, object], object]] = [
     ("HeaveController", {"K_p": "0.5 1/m", "K_v": "0.2 s/m"}, {"z": U, "v": W}, np.clip(-0.5*U - 0.2*W, -1, 1)),
     ("Lookup", {"u": "0 V", "x": "[-1 V, 0 V, 2 V]", "v": "[5 N, 1 N, -3 N]"}, {"u": U},
      np.interp(U, [-1, 0, 2], [5, 1, -3])),
+    ("Lookup", {"u": "0 V", "x": "[-1 V, 0 V, 1 V]", "v": "[5 N, 1 N, -3 N]", "outside": 1}, {"u": U},
+     1 - 4*U),
+    ("MonotoneLookup", {"u": "0 V", "x": "[-2 V, -1.5 V, 0 V, 1 V, 2 V]", "v": "[0 N, 3 N, 3.5 N, 3.5 N, -2 N]"}, {"u": U},
+     PchipInterpolator([-2, -1.5, 0, 1, 2], [0, 3, 3.5, 3.5, -2])(np.clip(U, -2, 2))),
     ("TableSource", {"t": "[1 s, 2 s, 4 s]", "v": "[5 N, 1 N, -3 N]"}, {"time": TIME},
      np.interp(TIME, [1, 2, 4], [5, 1, -3])),
+    ("TableSource", {"t": "[1 s, 2 s, 2 s, 4 s]", "v": "[5 N, 1 N, 2 N, -2 N]", "outside": 1}, {"time": TIME + 1e-3},
+     np.where(TIME + 1e-3 < 2, 5 - 4*(TIME + 1e-3 - 1), 2 - 2*(TIME + 1e-3 - 2))),
     ("Lookup2", {"u_1": "0 V", "u_2": "0 A", "x_1": "[0 V, 1 V, 3 V]", "x_2": "[-1 A, 1 A]", "v": "[1, 2, 3, 5, 8, 13]"},
      {"u_1": ACROSS, "u_2": ALONG},
      RegularGridInterpolator(([0.0, 1.0, 3.0], [-1.0, 1.0]), np.array([[1, 2], [3, 5], [8, 13.0]]))(
@@ -263,12 +269,12 @@ def response(component: str, frequency: Array, names: list[str], **given: object
     return np.array([C @ np.linalg.solve(k*np.eye(n) - A, B) + D for k in s])
 
 
-@checks("Delay", "DelayChain")
+@checks("PadeDelay", "DelayChain")
 def test_delays() -> None:
     """exp(-s T): gain 1 and phase -2 pi f T within 1 degree at the stated frequencies; a chain is (1 + s T/n)**-n."""
     for m, reach in ((1, 0.27), (2, 0.73), (3, 1.23), (4, 1.77)):
         f = np.linspace(0.01, reach, 40)/0.5
-        found = response("Delay", f, [*(f"w[{k + 1}]" for k in range(m)), *(f"z[{k + 1}]" for k in range(m))], T=0.5, m=m)
+        found = response("PadeDelay", f, [*(f"w[{k + 1}]" for k in range(m)), *(f"z[{k + 1}]" for k in range(m))], T=0.5, m=m)
         agree(np.abs(found), 1.0, rtol=1e-8)
         error = np.degrees(np.angle(found*np.exp(2j*np.pi*f*0.5)))
         # the reaches are stated to 0.01, where the error grows as the power 4 m + 1 of f T: 4 to 10 %
@@ -277,6 +283,17 @@ def test_delays() -> None:
     found = response("DelayChain", f, [f"z[{k + 1}]" for k in range(4)], T=0.5, n=4)
     agree(found.real, ((1 + 2j*np.pi*f*0.5/4)**-4).real)
     agree(found.imag, ((1 + 2j*np.pi*f*0.5/4)**-4).imag)
+
+
+@checks("Delay")
+def test_exact_delay_shifts_its_input() -> None:
+    found = run("""\
+model: shifted
+components:
+  part: {is: Delay, T: 0.25 s, u: "=1 V*exp(-time/1 s)"}
+simulate: {until: 2 s, every: 10 ms}
+""")
+    agree(found["part.d"], np.exp(-np.clip(found.time - 0.25, 0, None)), rtol=1e-7)
 
 
 @checks("LinearSystem", "MatrixGain")
