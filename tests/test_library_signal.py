@@ -274,7 +274,8 @@ def test_delays() -> None:
     """exp(-s T): gain 1 and phase -2 pi f T within 1 degree at the stated frequencies; a chain is (1 + s T/n)**-n."""
     for m, reach in ((1, 0.27), (2, 0.73), (3, 1.23), (4, 1.77)):
         f = np.linspace(0.01, reach, 40)/0.5
-        found = response("PadeDelay", f, [*(f"w[{k + 1}]" for k in range(m)), *(f"z[{k + 1}]" for k in range(m))], T=0.5, m=m)
+        states = [f"{name}[{k + 1}]" for name in "wz" for k in range(m)]
+        found = response("PadeDelay", f, states, T=0.5, m=m)
         agree(np.abs(found), 1.0, rtol=1e-8)
         error = np.degrees(np.angle(found*np.exp(2j*np.pi*f*0.5)))
         # the reaches are stated to 0.01, where the error grows as the power 4 m + 1 of f T: 4 to 10 %

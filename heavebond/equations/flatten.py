@@ -96,8 +96,8 @@ class KnownInput:
 
 @dataclass(frozen=True)
 class DelayedVariable:
-    """A delayed variable: symbols for its value and its first three derivatives, its source and its delay as expressions. Its
-    constant value before the start is the entry `index` of the parameters, which follows from the start."""
+    """A delayed variable: symbols for its value and its first three derivatives, its source and its delay as expressions.
+    Its constant value before the start is the entry `index` of the parameters, which follows from the start."""
 
     name: str
     symbols: ca.SX
@@ -526,15 +526,15 @@ class _Builder:
         lengths = [evaluate(d.by.tree, Context(lambda text, _, path=path: self._given(f"{path}.{text}"), lambda e: ca.SX(0),
                                                leaf.integers)) for path, leaf, _, d in delayed]
         values = np.array(ca.Function("delays", [self.parameters.p], [stack(lengths)])(self.parameters.numbers)).ravel()
-        for (path, leaf, name, d), length, value in zip(delayed, lengths, values.tolist(), strict=True):
+        for (path, _, name, d), length, value in zip(delayed, lengths, values.tolist(), strict=True):
             full, column, source = f"{path}.{name}", self.names[f"{path}.{name}"], self.names[f"{path}.{d.of}"]
             if not value >= 0:
                 self.problems.add("delay-negative", f"the delay of {full} is {value:g} s", d.by.place,
                                   hint="A signal cannot be known before it is there: give a time of 0 s or more.")
                 continue
             symbols = stack([ca.SX.sym("d" * k + "delayed " + full) for k in range(4)])
-            delayed_variable = DelayedVariable(full, symbols, self.columns[0][source], length, index[f"history.{full}"], d.place,
-                                               self.unknowns[column].nominal)
+            delayed_variable = DelayedVariable(full, symbols, self.columns[0][source], length, index[f"history.{full}"],
+                                               d.place, self.unknowns[column].nominal)
             if value == 0:
                 self.passed_through.append(delayed_variable)
                 self._add(FlatEquation(path, "a delay of zero", f"{name} = {d.of}", d.place, subject=full),

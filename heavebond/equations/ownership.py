@@ -18,8 +18,8 @@ from heavebond.text.expression import ExpressionProblem, Name, parse_formula
 from heavebond.text.expression import names as names_in
 
 KNOWN = ("time", "pi")
-# prefixes of parameters that a run has and the machine has not: initial values, factors on measured inputs, values of delayed
-# variables before the start
+# prefixes of parameters that a run has and the machine has not: initial values, factors on measured inputs, values of
+# delayed variables before the start
 OF_A_RUN = ("initial", "scale", "history")
 
 

@@ -109,7 +109,8 @@ class Resolver:
     def indicator(self, expr: Expr) -> ca.SX:
         """A condition as a number that is above zero while it holds; ExpressionProblem for a formula that is none."""
         if self.dimension(expr) != TRUTH:
-            raise ExpressionProblem("not-a-condition", "this is no condition", 0, hint="Write a comparison: `load.x > 0.5 m`.")
+            raise ExpressionProblem("not-a-condition", "this is no condition", 0,
+                                    hint="Write a comparison: `load.x > 0.5 m`.")
         return indicator(expr, Context(lambda text, name: self._value("", text, name), self._der))
 
     def _check_lengths(self, expr: Expr, scope: str) -> None:

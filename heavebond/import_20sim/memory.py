@@ -89,7 +89,7 @@ class Memory:
         return found
 
     def delayed(self, args: list[Expr], line: int) -> Expr:
-        """`tdelay(x, T)`: x delayed by the approximation of Pade, in the form of the library's PadeDelay: a ladder of `PAIRS`
+        """`tdelay(x, T)`: x delayed by the approximation of Pade, in the form of PadeDelay: a ladder of `PAIRS`
         pairs of states w and z that are 0 at the start, as if x had been 0 before."""
         if len(args) != 2:
             raise Unreadable(line, "`tdelay` needs a value and a delay")

@@ -296,7 +296,8 @@ class Variable:
 
 @dataclass(frozen=True)
 class Delayed:
-    """The variable or signal `of` of the same component, delayed by a formula of its parameters; before the start it is constant."""
+    """The variable or signal `of` of the same component, delayed by a formula of its parameters; it is constant before
+    the start."""
 
     of: str
     by: Formula

@@ -189,8 +189,9 @@ def _delayed(component: Component, name: str, delayed: Delayed, scope: Scope, pr
     sources = {**component.signals, **component.unknowns}
     source = sources.get(delayed.of)
     if source is None or source.count is not None or delayed.of == name:
-        problems.add("delayed-unknown", f"'{name}' is delayed from '{delayed.of}', which is no other signal or variable of this "
-                     "component", delayed.place, hint=suggest(delayed.of, sources) or f"There are {listing(sources)}.")
+        problems.add("delayed-unknown", f"'{name}' is delayed from '{delayed.of}', which is no other signal or variable "
+                     "of this component", delayed.place,
+                     hint=suggest(delayed.of, sources) or f"There are {listing(sources)}.")
     elif source.unit.dimension != component.variables[name].unit.dimension:
         problems.add("unit-wrong", f"'{name}' is in {component.variables[name].unit.text}, '{delayed.of}' in "
                      f"{source.unit.text}", delayed.place, hint="Give both the same unit.")

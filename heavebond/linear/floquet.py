@@ -43,8 +43,8 @@ FLOQUET = FloquetConstants()
 
 
 def largest_multiplier(assembly: Assembly, until: float) -> float | None:
-    """The size of the largest Floquet multiplier over the last period of a run, None where it ends in none, has events or delays, or
-    cannot be finished."""
+    """The size of the largest Floquet multiplier over the last period of a run, None where it ends in none, has events or
+    delays, or cannot be finished."""
     if assembly.flat.events or assembly.flat.held or assembly.flat.delays:
         return None
     try:

@@ -86,15 +86,15 @@ AT_A_POLE = complex(np.inf, np.nan)  # the size is infinite, the angle has no va
 
 @dataclass(frozen=True)
 class DelayedSystem:
-    """A linear system with delays: `open` has as its last inputs the delayed variables and as its last outputs their sources,
-    v = exp(-s T) z with the `delays` T (n,) in s."""
+    """A linear system with delays: `open` has as its last inputs the delayed variables and as its last outputs their
+    sources, v = exp(-s T) z with the `delays` T (n,) in s."""
 
     open: StateSpace
     delays: Array
 
     def response(self, points: Complex) -> Complex:
-        """The transfer functions (N, k, m) at complex frequencies (N,) with the delays: with [y; z] = [[A, B], [C, D]] [w; v]
-        and E = exp(-s T), y = (A + B E (1 - D E)^-1 C) w."""
+        """The transfer functions (N, k, m) at complex frequencies (N,) with the delays: with [y; z] = [[A, B], [C, D]]
+        [w; v] and E = exp(-s T), y = (A + B E (1 - D E)^-1 C) w."""
         n = len(self.delays)
         whole = self.open.response(points)
         direct, back, forth, loop = whole[:, :-n, :-n], whole[:, :-n, -n:], whole[:, -n:, :-n], whole[:, -n:, -n:]
@@ -178,7 +178,7 @@ class StateSpace:
         exact = None
         if self.exact is not None:
             own, n = self.exact.open, len(self.exact.delays)
-            to, by = [i, *range(len(self.outputs), len(self.outputs) + n)], [j, *range(len(self.inputs), len(self.inputs) + n)]
+            to, by = ([first, *range(len(names), len(names) + n)] for first, names in ((i, self.outputs), (j, self.inputs)))
             exact = replace(self.exact, open=replace(
                 own, inputs=tuple(own.inputs[k] for k in by), outputs=tuple(own.outputs[k] for k in to), b=own.b[:, by],
                 c=own.c[to], d=own.d[np.ix_(to, by)], higher=own.higher[np.ix_([0, 1], to, by)]))

@@ -153,7 +153,8 @@ def open_loop(closed: StateSpace) -> StateSpace:
         raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': what is added there acts on itself "
                                   "at once", None, "Cut it at another signal, such as a controller's output.")])
     a = closed.a - closed.b @ closed.c / d
-    loop = replace(closed, exact=None if closed.exact is None else OpenedSystem(closed.exact.open, closed.exact.delays), inputs=(f"{CUT}{name}",), outputs=(name,), a=a, b=closed.b / d, c=-closed.c / d,
+    exact = None if closed.exact is None else OpenedSystem(closed.exact.open, closed.exact.delays)
+    loop = replace(closed, exact=exact, inputs=(f"{CUT}{name}",), outputs=(name,), a=a, b=closed.b / d, c=-closed.c / d,
                    d=np.array([[-(1 - 1 / d)]]), units=(closed.units[0], closed.units[1], closed.units[1]),
                    shown=closed.units[1])
     if not np.any(np.abs(loop.response(2j * np.pi * spread(loop.poles, loop.poles))) > MARGINS.no_gain):

@@ -15,10 +15,10 @@ from heavebond.equations.flatten import flatten
 from heavebond.equations.reduce import reduce_flattened
 from heavebond.language.model import Model
 from heavebond.language.sections import Initial
+from heavebond.language.symbols import stack
 from heavebond.linear.disturbance import disturbed, quiet
 from heavebond.linear.held_variables import StartEvents
 from heavebond.linear.linearisation import start_point
-from heavebond.language.symbols import stack
 from heavebond.numerics.dae import DELAY_ROWS, Array, Assembly, build, measured_rows
 from heavebond.numerics.initialise import start
 from heavebond.numerics.output_times import Time, begin_of, grid, seconds
@@ -144,8 +144,8 @@ class OperatingPoints:
 def approximations(approximated: Sequence[tuple[str, str, str]]) -> str:
     """A sentence on components with delayed variables whose places approximations take."""
     parts = listing([f"{path} ({kind}) as a {other}" for path, kind, other in approximated], 4)
-    return f"States, poles, zeros and steps have an approximation without history: {parts}. Frequency responses and margins " \
-        "are exact." if approximated else ""
+    return f"States, poles, zeros and steps have an approximation without history: {parts}. Frequency responses and " \
+        "margins are exact." if approximated else ""
 
 
 def stuck(assembly: Assembly, point: Point) -> list[str]:

@@ -6,10 +6,10 @@ step) and interpolated between these by polynomials of degree 5, with their sens
 one of its derivatives at b (the start, an event, a kink) returns at b + T_k: the window ends there, the integrator begins
 anew, and a source that follows it has a discontinuity there in turn. Before the start a source has its value at the start.
 
-With d(t) = w(t - T), the sensitivity along a direction is dd = dw(t - T) - w'(t - T) dT; of a discontinuity that returns at
-b + T it is db + dT. A. Bellen, M. Zennaro, Numerical Methods for Delay Differential Equations, Oxford 2003, chapters 3 and 4;
-C. T. H. Baker, C. A. H. Paul, Pitfalls in parameter estimation for delay differential equations, SIAM J. Sci. Comput. 18
-(1997) 305-314, doi:10.1137/S1064827595287735.
+With d(t) = w(t - T), the sensitivity along a direction is dd = dw(t - T) - w'(t - T) dT; of a discontinuity that returns
+at b + T it is db + dT. A. Bellen, M. Zennaro, Numerical Methods for Delay Differential Equations, Oxford 2003, chapters 3, 4;
+C. T. H. Baker, C. A. H. Paul, Pitfalls in parameter estimation for delay differential equations, SIAM J. Sci. Comput.
+18 (1997) 305-314.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ class DelayConstants:
 
     samples: intervals of a window in which sources are sampled, at least. Origin: a window of one polynomial piece has
         several stencils. Doubled: short delays cost twice as many points, with smaller errors.
-    mean_steps: steps of the integrator between two samples, on the average, at most. Origin: a step at rtol 1e-8 is 0.06 rad
-        of an oscillation, in which the interpolation errs by 1e-10. Doubled: by 1e-8, half of the evaluations.
-    stencil: samples of an interpolating polynomial. Origin: its order is above that of the integrator. Doubled: it oscillates
-        where the samples are rounded.
+    mean_steps: steps of the integrator between two samples, on the average, at most. Origin: a step at rtol 1e-8 is 0.06
+        rad of an oscillation, in which the interpolation errs by 1e-10. Doubled: by 1e-8, half of the evaluations.
+    stencil: samples of an interpolating polynomial. Origin: its order is above that of the integrator. Doubled: it
+        oscillates where the samples are rounded.
     apart: distance of two samples of a stencil, at least, over that of the two around a time. Origin: rounding is magnified
         by some hundred at most. Doubled: fewer of close samples, with errors of a wider stencil.
-    tolerance: error of the polynomial pieces in the equations, over the tolerance of the integrator. Origin: it is not to add
-        to the error of the integrator. Doubled: slightly longer pieces.
+    tolerance: error of the polynomial pieces in the equations, over the tolerance of the integrator. Origin: it is not to
+        add to the error of the integrator. Doubled: slightly longer pieces.
     parts: samples and pieces of one window, at most: a shorter window resolves a short transient in the history. Origin:
         memory of a call. Doubled: fewer windows.
     halvings: halvings of a piece, at most. Origin: rounding of time. Doubled: nothing.
@@ -111,7 +111,8 @@ class Stretch:
         for _ in range(DELAYS.stencil - 2):
             lower = np.searchsorted(known, known[left] - apart, side="right") - 1
             upper = np.searchsorted(known, known[right] + apart, side="left")
-            here = (lower >= 0) & ((upper >= number) | (middle - known[lower] <= known[np.clip(upper, 0, number - 1)] - middle))
+            nearer = middle - known[lower] <= known[np.clip(upper, 0, number - 1)] - middle
+            here = (lower >= 0) & ((upper >= number) | nearer)
             there = ~here & (upper < number)
             left, right = np.where(here, lower, left), np.where(there, upper, right)
             stencil.append(np.where(here, lower, right))
@@ -156,8 +157,8 @@ class Delays:
         self.rated = [any(s.element_hash() in used for s in split(d.symbols)[1:]) for d in self.delays]
 
     def begin_run(self, t: float, end: float, p: Array, dp: Array) -> None:
-        """Begin at a time with parameters (n_p,) and their directions (n_p, m); SimulationError for a delay that is too short
-        to be integrated."""
+        """Begin at a time with parameters (n_p,) and their directions (n_p, m); SimulationError for a delay that is too
+        short to be integrated."""
         self.begin, columns = t, np.column_stack([np.zeros(len(p)), dp])
         found = [np.array(v) for v in self._lengths(np.tile(p[:, None], (1, 1 + self.m)), columns)]
         self.lengths: Array = found[0][:, 0]
@@ -165,8 +166,8 @@ class Delays:
         for delay, length in zip(self.delays, self.lengths.tolist(), strict=True):
             if not length >= max(2 * self.same, (end - t) / DELAYS.max_windows):
                 raise SimulationError([Problem(
-                    "delay-too-short", f"{delay.name} is delayed by {length:g} s, which would divide the run of {end - t:g} s "
-                    f"into {(end - t) / length if length > 0 else float('inf'):.2g} windows", delay.place,
+                    "delay-too-short", f"{delay.name} is delayed by {length:g} s, which would divide the run of "
+                    f"{end - t:g} s into {(end - t) / length if length > 0 else float('inf'):.2g} windows", delay.place,
                     "Give a delay of 0 s, which passes the signal through, an approximation without history (for a Delay "
                     "`m: 3`), or run for a shorter time.")])
         index = [d.index for d in self.delays]
@@ -305,9 +306,9 @@ class Delays:
         delay = self.delays[k]
         if self.rated[k] and abs(then - first) > EVENTS.continuous * delay.nominal:
             raise SimulationError([Problem(
-                "delay-impulse", f"at t = {t:.6g} s {delay.name} jumps from {first:.6g} to {then:.6g} in SI, and other equations "
-                "need its rate", delay.place, "That takes an infinite force, flow, voltage or current. Let its source change in "
-                "a finite time: a Ramp, a PolynomialMotion, or a SecondOrderLag behind what jumps.")])
+                "delay-impulse", f"at t = {t:.6g} s {delay.name} jumps from {first:.6g} to {then:.6g} in SI, and other "
+                "equations need its rate", delay.place, "That takes an infinite force, flow, voltage or current. Let its "
+                "source change in a finite time: a Ramp, a PolynomialMotion, or a SecondOrderLag behind what jumps.")])
 
     def _fitted(self, k: int, begin: float, end: float) -> list[tuple[float, float, Array]]:
         """Polynomial pieces (begin, end, column) of a delayed variable over a window."""
@@ -343,7 +344,8 @@ class Delays:
         first = np.append(times[:-1] == times[1:], False) if len(times) else np.zeros(0, bool)
         columns = []
         for starts, pieces in zip(self.starts_of_pieces, self.pieces, strict=True):
-            at = np.where(first, np.searchsorted(starts, times, side="left"), np.searchsorted(starts, times, side="right")) - 1
+            before, after = (np.searchsorted(starts, times, side=side) for side in ("left", "right"))
+            at = np.where(first, before, after) - 1
             columns.append(np.column_stack(pieces)[:, np.clip(at, 0, None)] if len(times) else np.zeros((
                 DELAY_ROWS + DELAY_TERMS * self.m, 0)))
         return self._stacked(columns)
@@ -374,5 +376,6 @@ class Delays:
     def along(self, coefficients: Array, n_u: int) -> Array:
         """The sensitivities (n_u, m, N) of u by the coefficients (m n DELAY_TERMS, N)."""
         found = np.zeros((n_u, self.m, coefficients.shape[1]))
-        found[self.coefficients] = coefficients.reshape(self.m, len(self.coefficients), coefficients.shape[1]).transpose(1, 0, 2)
+        each = coefficients.reshape(self.m, len(self.coefficients), coefficients.shape[1])
+        found[self.coefficients] = each.transpose(1, 0, 2)
         return found

@@ -248,7 +248,7 @@ class EventIntegration:
         if self.delays is None or not len(times):
             return
         assembly, n, driven = now.frame.assembly, len(times), self._driven(times)
-        x, z = (values[:len(size) * now.blocks, :n].reshape(now.blocks, len(size), n).transpose(1, 0, 2) * size[:, None, None]
+        x, z = (np.einsum("bin,i->ibn", values[:len(size) * now.blocks, :n].reshape(now.blocks, len(size), n), size)
                 for values, size in ((y, assembly.x_nominal), (z, assembly.z_nominal)))
         self.delays.sample(times, self.delays.values(assembly, times + beside, x, z, now.p, now.dp, driven.u,
                                                      driven.along.transpose(1, 0, 2)))
@@ -419,9 +419,9 @@ class EventIntegration:
         if m := now.blocks - 1:
             if self.delays is not None:
                 raise SimulationError([Problem(
-                    "delay-states-change", f"at t = {now.t:.6g} s the run goes on in other states, and it has sensitivities and "
-                    "delayed variables", self.delays.delays[0].place, "Approximate the delays without history (for a Delay "
-                    "`m: 3`), or run without sensitivities.")])
+                    "delay-states-change", f"at t = {now.t:.6g} s the run goes on in other states, and it has sensitivities "
+                    "and delayed variables", self.delays.delays[0].place, "Approximate the delays without history (for a "
+                    "Delay `m: 3`), or run without sensitivities.")])
             along = old.along_in(chart, columns_of(point, m), moved.x, now.unscaled()[1][:, 1:], now.dp)
             moved = replace(moved, x=along[:n_x])
         changed = replace(now, frame=self._frames[id(chart)]).standing(replace(point, x=values[:n_x], z=values[n_x:]), moved)

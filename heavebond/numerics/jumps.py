@@ -183,8 +183,8 @@ class EventEquations:
         if not np.all(residual <= 1e-6 * gradient):
             raise SimulationError([Problem(
                 "event-inconsistent", f"after {what} at t = {point.t:.6g} s no {listing(self.assembly.algebraic_names, 4)} "
-                "satisfies the equations", self.events[fired[0]].place if fired else None, "A valve that shuts a volume-free line does this, "
-                "or a state that was set to a value that a constraint forbids.")])
+                "satisfies the equations", self.events[fired[0]].place if fired else None, "A valve that shuts a "
+                "volume-free line does this, or a state that was set to a value that a constraint forbids.")])
         return found
 
     def _check_solvable(self, point: Point, when: str) -> None:
@@ -205,7 +205,8 @@ class EventEquations:
         if not self.has_loops or not m:
             return np.zeros((len(point.z), m))
         columns = [np.tile(np.reshape(a, (-1, 1)), (1, m)) for a in point.values()]
-        residual = np.array(self._along(*columns, np.zeros((1, m)), moved.x, np.zeros((len(point.z), m)), moved.p, moved.u)[0])
+        still = np.zeros((1, m)), np.zeros((len(point.z), m))
+        residual = np.array(self._along(*columns, still[0], moved.x, still[1], moved.p, moved.u)[0])
         return -np.linalg.solve(np.array(self._by_z(*point.values())), residual.reshape(-1, m))
 
     def yielding(self, point: Point, fired: Sequence[int], touch: float) -> tuple[Point, list[int]]:

@@ -277,6 +277,10 @@ class Simulator:
     def _started(self, parameters: Mapping[str, float | str] | None) -> tuple[Assembly, Start, Tangent | None]:
         """The equations with these parameters, their start, and how it moves along the sensitivities."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
+        if assembly.flat is not self.assembly.flat:
+            delay = (*self.assembly.flat.delays, *self.assembly.flat.passed_through)[0]
+            raise UsageError([Problem("delay-zero", "a delay becomes zero within a search, or is zero no more, and the "
+                                      "equations change with it", delay.place, "Keep its range above 0 s.")])
         u = self.pieces.at(np.array([self.time[0]]))[:, 0]
         first = self.begun = start(assembly, float(self.time[0]), u, self.start_equations)
         return assembly, first, tangent(self.start_equations, first, u, self.along) if self.sensitivities else None
@@ -286,9 +290,10 @@ class Simulator:
         sensitivities are with respect to these states (needs `free_start`)."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         if assembly.flat.delays or not all(event.by_clock for event in assembly.flat.events):
-            what, unknown = ("delayed variables", "their history") if assembly.flat.delays else ("events", "what is held there")
-            raise UsageError([Problem("events-midway", f"a run cannot begin midway where a diagram has {what}: {unknown} is not "
-                                      "known", None, "Run it from its start.")])
+            what, unknown = ("delayed variables", "their history") if assembly.flat.delays else \
+                ("events", "what is held there")
+            raise UsageError([Problem("events-midway", f"a run cannot begin midway where a diagram has {what}: {unknown} "
+                                      "is not known", None, "Run it from its start.")])
         if (held := clocks_at(assembly, float(self.time[0]), assembly.p)) is not assembly.p:
             assembly = replace(assembly, p=held)
         n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
@@ -660,8 +665,8 @@ def _check_delays(assembly: Assembly, along: Array, names: tuple[str, ...]) -> N
         assembly.p)) @ along
     if (moving := np.argwhere(moved)).size:
         k, column = moving[0].tolist()
-        raise UsageError([Problem("delay-zero", f"the delay of {zero[k].name} is 0 s, and its derivative by {names[column]} was "
-                                  "asked for: a delay of zero can only grow", zero[k].place,
+        raise UsageError([Problem("delay-zero", f"the delay of {zero[k].name} is 0 s, and its derivative by {names[column]} "
+                                  "was asked for: a delay of zero can only grow", zero[k].place,
                                   "Give it a small delay, or leave this sensitivity out.")])
 
 

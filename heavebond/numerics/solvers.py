@@ -91,7 +91,8 @@ def _check(asked: str, assembly: Assembly, changes_states: bool) -> None:
     if asked != "rosenbrock":
         return
     if assembly.flat.events or assembly.flat.delays or changes_states:
-        what = "has events" if assembly.flat.events else "has delayed variables" if assembly.flat.delays else "may change its states along a run (a mechanism that turns over)"
+        what = "has events" if assembly.flat.events else "has delayed variables" if assembly.flat.delays else \
+            "may change its states along a run (a mechanism that turns over)"
         other = "idas" if assembly.algebraic_names else "cvodes"
         raise UsageError([Problem(
             "solver-cut", f"rosenbrock cannot run this diagram: it {what}", place, RETYPE.format(other) + ".",

@@ -183,8 +183,8 @@ class StartEquations:
         held = {h.name for h in assembly.flat.held}  # what these start at stands among the parameters
         conditions = [c for c in self.initial.conditions.values() if c.name not in held]
         self.component_rows = [] if self.steady else self._of_components(conditions)
-        before = [StartRow(assembly.arguments[3][d.index] - assembly.express(d.source), f"{d.name} before the start", d.place)
-                  for d in delays]
+        p = assembly.arguments[3]
+        before = [StartRow(p[d.index] - assembly.express(d.source), f"{d.name} before the start", d.place) for d in delays]
         self.rows = [*self.loops, *(self._condition(c) for c in conditions if not c.guess), *before, *self._mode()]
         self.guesses = [self._condition(c) for c in conditions if c.guess and self._decides(c)]
         self.guess = InitialGuess(assembly.flat)

@@ -200,7 +200,8 @@ class Record:
         self.frame = np.append(self.frame[:n], self._number(now.frame))
         self.y, self.p = np.column_stack([self.y[:, :n], now.y]), np.column_stack([self.p[:, :n], now.p])
         self.dp = np.concatenate([self.dp[:, :, :n], now.dp[:, :, None]], axis=2)
-        self.z = [np.column_stack([z[:, :n], now.z if k == self.frame[-1] else np.zeros(len(z))]) for k, z in enumerate(self.z)]
+        self.z = [np.column_stack([z[:, :n], now.z if k == self.frame[-1] else np.zeros(len(z))])
+                  for k, z in enumerate(self.z)]
 
     def keep(self, now: EventState, times: Array, y: Array, z: Array) -> None:
         """Keep points between the stops, where these are asked for."""
@@ -241,8 +242,8 @@ class Record:
         return times, whole.trace(integrals, inputs(times)), None
 
     def trace(self, integrals: int, driven: Driven) -> Trace:
-        """The run as recorded; the last `integrals` rows of y are integrals. For every other choice of states the unknowns of
-        the first choice are evaluated as expressions."""
+        """The run as recorded; the last `integrals` rows of y are integrals. For every other choice of states the unknowns
+        of the first choice are evaluated as expressions."""
         n_y, u = len(self.y), driven.u
         stays = [self._stay(k) for k in range(len(self.frames))]
         x, z = stays[0].x, stays[0].z
