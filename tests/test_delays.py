@@ -133,3 +133,36 @@ components:
 simulate: {until: 10 s, every: 1 s, largest_step: 10 ms}
 """
     assert hb.simulate(hb.loads(text)).statistics["nsteps"] >= 1000
+
+
+def test_sensitivity_by_the_time_of_a_kink_comes_through_the_delay():
+    text = """
+model: kink
+components:
+  p: {is: Ramp, rate: 2 1/s, t_s: 0.3 s, t_e: 0.6 s, start: 0}
+  d: {is: Delay, T: 0.25 s}
+  i: {is: Integrator, k: 1 1/s}
+nodes: {u: [p.y, d.u], y: [d.y, i.u]}
+simulate: {until: 1 s, every: 10 ms}
+"""
+    run = hb.simulate(hb.loads(text), sensitivities=["p.t_s", "d.T"])
+    t = run.time
+    rise = np.clip(t - 0.55, 0, 0.3)
+    exact = rise**2 + 0.6 * np.clip(t - 0.85, 0, None)  # the integral of the delayed ramp
+    assert np.abs(run["i.y"] - exact).max() < 1e-7
+    # sensitivities are accurate to about 1e-4 of their largest value
+    assert np.abs(run.sensitivity("i.y", "d.T") + 2 * rise).max() < 1e-4
+    by_start = -2 * rise - 2 * np.clip(t - 0.85, 0, None)
+    assert np.abs(run.sensitivity("i.y", "p.t_s") - by_start).max() < 1e-3
+
+
+def test_exports_and_modes_name_the_approximation(tmp_path):
+    from heavebond.exchange.portable import portable
+
+    made = portable(hb.loads(LOOP.format(T=0.5, until=1, k=1)))
+    assert made.assembly.flat.expanded.approximated == (("d", "Delay", "PadeDelay"),)
+    system = hb.state_space(hb.loads(LOOP.format(T=0.5, until=1, k=1)), ["i.u"], ["i.y"])
+    # 1/(s + exp(-s T)) at s = 2 pi j
+    s = 2j * np.pi
+    assert abs(system.response(s)[0, 0, 0] - 1 / (s + np.exp(-0.5 * s))) < 1e-9
+    assert len(system.states) == 7

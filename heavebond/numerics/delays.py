@@ -7,13 +7,14 @@ one of its derivatives at b (the start, an event, a kink) returns at b + T_k: th
 anew, and a source that follows it has a discontinuity there in turn. Before the start a source has its value at the start.
 
 With d(t) = w(t - T), the sensitivity along a direction is dd = dw(t - T) - w'(t - T) dT; of a discontinuity that returns
-at b + T it is db + dT. A. Bellen, M. Zennaro, Numerical Methods for Delay Differential Equations, Oxford 2003, chapters 3, 4;
+at b + T it is db + dT. A. Bellen, M. Zennaro, Numerical Methods for Delay Differential Equations, Oxford 2003, chap. 3, 4;
 C. T. H. Baker, C. A. H. Paul, Pitfalls in parameter estimation for delay differential equations, SIAM J. Sci. Comput.
 18 (1997) 305-314.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -206,9 +207,12 @@ class Delays:
         return np.vstack(found)
 
     def sample(self, times: Array, values: Array) -> None:
-        """Add samples (n (1 + m), N) to the present stretch; times that are in it already are left out."""
+        """Add samples (n (1 + m), N) to the present stretch; one at its last time takes the place of the last."""
         stretch = self.stretches[-1]
-        new = times > (stretch.times[-1] + self.same if stretch.number else -np.inf)
+        last = stretch.times[-1] if stretch.number else -np.inf
+        new = times > last + self.same
+        for k in np.flatnonzero(np.abs(times - last) <= self.same).tolist():
+            stretch.values[-1] = values[:, k]
         if new.any():
             stretch.add(times[new], values[:, new])
             self.largest = np.maximum(self.largest, np.abs(values[:, new]).max(axis=1))
@@ -225,7 +229,10 @@ class Delays:
         """The source of a delay, with sensitivities, at times of its history (1 + m, N)."""
         rows = self._rows[k]
         found = np.tile(self.before[rows][:, None], (1, len(times)))
-        number = np.searchsorted(self.starts, times, side="right") - 1
+        first, last = (bisect_right(self.starts, float(at)) - 1 for at in (times.min(), times.max()))
+        number = np.full(len(times), first)
+        if first != last:
+            number = first + np.searchsorted(self.starts[first + 1:last + 1], times, side="right")
         for stretch in np.unique(number[number >= 0]):
             at = number == stretch
             found[:, at] = self.stretches[stretch].at(times[at], rows)
@@ -341,13 +348,14 @@ class Delays:
     def inputs(self, times: Array) -> tuple[Array, Array]:
         """The rows of u (n DELAY_ROWS, N) of the delayed variables, and the coefficients (m n DELAY_TERMS, N) of their
         sensitivities, at times; of an instant that occurs twice in turn the first is before a discontinuity."""
-        first = np.append(times[:-1] == times[1:], False) if len(times) else np.zeros(0, bool)
-        columns = []
+        if not len(times):
+            return self._stacked([np.zeros((DELAY_ROWS + DELAY_TERMS * self.m, 0))] * self.n)
+        first, columns = np.append(times[:-1] == times[1:], False).tolist(), []
         for starts, pieces in zip(self.starts_of_pieces, self.pieces, strict=True):
-            before, after = (np.searchsorted(starts, times, side=side) for side in ("left", "right"))
-            at = np.where(first, before, after) - 1
-            columns.append(np.column_stack(pieces)[:, np.clip(at, 0, None)] if len(times) else np.zeros((
-                DELAY_ROWS + DELAY_TERMS * self.m, 0)))
+            # few of many: a search in the whole list for each is shorter than an array of it
+            at = ((bisect_left if before else bisect_right)(starts, t) - 1 for before, t in zip(first, times.tolist(),
+                                                                                               strict=True))
+            columns.append(np.column_stack([pieces[max(k, 0)] for k in at]))
         return self._stacked(columns)
 
     def _stacked(self, columns: list[Array]) -> tuple[Array, Array]:

@@ -199,6 +199,7 @@ class EventIntegration:
         for kink in self.kinks[(self.kinks > now.t + self.same) & (self.kinks < limit - self.same)].tolist():
             now = self._through(now, kink, record)
             if self.delays is not None:
+                self._sample(now, np.array([now.t]), now.y[:, None], now.z[:, None], -DELAYS.beside * self.same)
                 now = self._cut(now, np.zeros(now.blocks - 1))
         return self._through(now, limit, record)
 
