@@ -166,3 +166,44 @@ def test_exports_and_modes_name_the_approximation(tmp_path):
     s = 2j * np.pi
     assert abs(system.response(s)[0, 0, 0] - 1 / (s + np.exp(-0.5 * s))) < 1e-9
     assert len(system.states) == 7
+
+
+def test_jump_behind_a_delay_is_refused_where_its_rate_is_needed():
+    text = """
+model: jump
+components:
+  st: {is: Step, t_s: 0.1 s, after: 10 mm}
+  d: {is: Delay, T: 0.1 s}
+  s: {is: PositionSource, u: =d.y}
+  m: {is: Mass, m: 2 kg}
+nodes: {u: [st.y, d.u], a: [s.a, m.a]}
+simulate: {until: 1 s, every: 10 ms}
+"""
+    with pytest.raises(HeavebondError, match="jumps from 0 to 0.01"):
+        hb.simulate(hb.loads(text))
+
+
+def test_event_of_a_delayed_signal_moves_with_the_delay():
+    text = """
+model: relay
+components:
+  s: {is: Sine, a: 1, T: 1 s, phi: 0}
+  d: {is: Delay, T: 0.1 s}
+  r: {is: Relay, u_on: 0.5, u_off: -0.5, y_on: 1}
+nodes: {u: [s.y, d.u], y: [d.y, r.u]}
+simulate: {until: 0.5 s, every: 10 ms}
+"""
+    run = hb.simulate(hb.loads(text), sensitivities=["d.T"])
+    at = next(t for t, name in run.events if name == "r.rise")
+    assert at == pytest.approx(0.1 + np.arcsin(0.5) / (2 * np.pi), abs=1e-9)
+    assert run.event_sensitivity("r.rise", 0, "d.T") == pytest.approx(1, abs=1e-6)
+
+
+def test_parameters_may_make_a_delay_zero():
+    delayed, direct = hb.loads(LOOP.format(T=0.5, until=1, k=1)), hb.loads(LOOP.format(T=0, until=1, k=1))
+    run = hb.simulate(delayed, parameters={"d.T": 0.0})
+    assert np.abs(run["i.y"] - np.exp(-run.time)).max() < 1e-6
+    run = hb.simulate(direct, parameters={"d.T": 0.5})
+    assert np.abs(run["i.y"] - by_steps(run.time, 0.5)).max() < 1e-6
+    with pytest.raises(HeavebondError, match="a delay of zero can only grow"):
+        hb.simulate(direct, sensitivities=["d.T"])

@@ -180,7 +180,7 @@ def real_crossings(of: Transfer) -> list[float]:
         sizes = np.abs(values[(values.real < 0) & (np.abs(values) < 1)])
         last = max(magnitude_crossings(of, float(sizes.max())), default=0.0) if len(sizes) else 0.0
         if last <= span:
-            return found
+            return found if not of.lag else [omega for omega in found if omega <= span]
         span = last + turn
 
 

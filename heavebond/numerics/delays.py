@@ -154,7 +154,8 @@ class Delays:
         self._lengths = ca.Function("delays", [p, dp], [lengths, ca.jtimes(lengths, p, dp)])
         self._rows = [np.arange(k, self.n * (1 + self.m), self.n) for k in range(self.n)]
         self._sources: dict[int, tuple[ca.Function, ca.Function]] = {}
-        used = {s.element_hash() for s in ca.symvar(stack([assembly.reduced.ode, assembly.reduced.alg]))}
+        reduced = assembly.reduced
+        used = {s.element_hash() for s in ca.symvar(stack([reduced.ode, reduced.alg, reduced.unknowns()]))}
         self.rated = [any(s.element_hash() in used for s in split(d.symbols)[1:]) for d in self.delays]
 
     def begin_run(self, t: float, end: float, p: Array, dp: Array) -> None:
