@@ -179,7 +179,7 @@ components:
 nodes: {u: [st.y, d.u], a: [s.a, m.a]}
 simulate: {until: 1 s, every: 10 ms}
 """
-    with pytest.raises(HeavebondError, match="jumps from 0 to 0.01"):
+    with pytest.raises(HeavebondError, match=r"jumps from 0 to 0\.01"):
         hb.simulate(hb.loads(text))
 
 

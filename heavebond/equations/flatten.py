@@ -26,7 +26,7 @@ from heavebond.core.units import (
 from heavebond.equations.connect import Network, connect, drivers
 from heavebond.equations.events import FlatEvent, Held, held_bounds, leaf_events, with_held
 from heavebond.equations.expand import expand
-from heavebond.equations.expanded import Bound, Expanded
+from heavebond.equations.expanded import Bound, Expanded, Leaf
 from heavebond.equations.flat_unknowns import Unknowns
 from heavebond.equations.medium import with_media
 from heavebond.equations.output_checks import check_asked, with_nominal_sizes
@@ -46,7 +46,7 @@ from heavebond.equations.resolver import Bond, Resolver, Unknown
 from heavebond.equations.temperature_origins import TemperatureOrigins, with_intervals
 from heavebond.equations.time_conditions import check_steps, timed
 from heavebond.equations.variation import Factor, factors, incidence
-from heavebond.language.definition import Domain, FileInput, Value
+from heavebond.language.definition import Delayed, Domain, FileInput, Value
 from heavebond.language.incidence import EVERYTHING, Interval, classify
 from heavebond.language.model import Model
 from heavebond.language.symbols import Context, evaluate, nonsmooth, places, split, stack
@@ -523,8 +523,11 @@ class _Builder:
         if not delayed:
             return
         index = {q.name: k for k, q in enumerate(self.parameters.independent)}
-        lengths = [evaluate(d.by.tree, Context(lambda text, _, path=path: self._given(f"{path}.{text}"), lambda e: ca.SX(0),
-                                               leaf.integers)) for path, leaf, _, d in delayed]
+        def length_of(path: str, leaf: Leaf, delay: Delayed) -> ca.SX:
+            return evaluate(delay.by.tree, Context(lambda text, _: self._given(f"{path}.{text}"), lambda e: ca.SX(0),
+                                                   leaf.integers))
+
+        lengths = [length_of(path, leaf, d) for path, leaf, _, d in delayed]
         values = np.array(ca.Function("delays", [self.parameters.p], [stack(lengths)])(self.parameters.numbers)).ravel()
         for (path, _, name, d), length, value in zip(delayed, lengths, values.tolist(), strict=True):
             full, column, source = f"{path}.{name}", self.names[f"{path}.{name}"], self.names[f"{path}.{d.of}"]

@@ -186,7 +186,7 @@ def _formula(formula: Formula, wanted: Dimension, what: str, wanted_text: str, s
 
 def _delayed(component: Component, name: str, delayed: Delayed, scope: Scope, problems: Problems) -> None:
     """What is delayed is a signal or variable in the same unit, and the delay a time that follows from parameters."""
-    sources = {**component.signals, **component.unknowns}
+    sources: dict[str, SignalPort | Variable] = {**component.signals, **component.unknowns}
     source = sources.get(delayed.of)
     if source is None or source.count is not None or delayed.of == name:
         problems.add("delayed-unknown", f"'{name}' is delayed from '{delayed.of}', which is no other signal or variable "

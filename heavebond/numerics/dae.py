@@ -123,8 +123,9 @@ class Assembly:
         self.flat.limits.check(p, values)
         if self.flat.other_delays(p):  # a variable that equals its source has other equations than one that is delayed
             known = dict(zip(self.parameter_names, p.tolist(), strict=True))
-            given = {name: value for name, value in known.items() if name in values}
-            made = assemble(self.model.with_parameters(given), [u.name for u in self.flat.unknowns if u.role == "position"])
+            changed: dict[str, float | str] = {name: value for name, value in known.items() if name in values}
+            positions = [u.name for u in self.flat.unknowns if u.role == "position"]
+            made = assemble(self.model.with_parameters(changed), positions)
             return replace(made, p=np.array([known.get(name, value) for name, value in made.parameter_values.items()]))
         return replace(self, p=p)
 

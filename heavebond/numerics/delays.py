@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.core.errors import Problem, SimulationError
 from heavebond.language.symbols import split, stack
@@ -99,7 +100,7 @@ class Stretch:
         self._times[self.number:end], self._values[self.number:end] = times, values.T
         self.number = end
 
-    def at(self, times: Array, rows: Array) -> Array:
+    def at(self, times: Array, rows: NDArray[np.intp]) -> Array:
         """Some rows at times (n,), interpolated: (rows, n). The integrator begins each call with short steps: the stencil
         leaves out samples that are much closer together than the two around a time, whose rounding it would magnify."""
         known, number = self.times, self.number
@@ -126,7 +127,7 @@ class Stretch:
         for j in range(DELAYS.stencil):
             other = used[:, j:j + 1] & (np.arange(DELAYS.stencil) != j) & used
             weights = np.where(other, weights * away[:, j:j + 1] / np.where(other, between[:, :, j], 1.0), weights)
-        return np.einsum("nk,nkr->rn", weights, self.values[chosen][:, :, rows])
+        return np.asarray(np.einsum("nk,nkr->rn", weights, self.values[chosen][:, :, rows]))
 
 
 @dataclass(frozen=True)

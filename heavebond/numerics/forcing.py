@@ -64,7 +64,8 @@ class Forcing:
         time, _, _, p, _, rate = assembly.arguments
         flat = assembly.flat
         conditions = [assembly.express(e.indicator) for e in flat.events if e.indicator is not None]
-        equations = ca.substitute(stack([assembly.ode, assembly.alg, *conditions]), rate, ca.SX(1))
+        sources = [assembly.express(d.source) for d in flat.delays]
+        equations = ca.substitute(stack([assembly.ode, assembly.alg, *sources, *conditions]), rate, ca.SX(1))
         held = {h.index for h in flat.held}
         constants = stack(s for k, s in enumerate(split(p)) if k not in held)
         self.parts = parts = _parts(equations, time, constants)

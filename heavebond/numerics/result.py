@@ -380,7 +380,7 @@ class Probe:
         for k, j in enumerate(moving):
             moved[:, k] = along.x[:, j] if j < n_x else along.z[:, j - n_x] if j < n_xz else \
                 along.held[:, held[j - n_xz]] if j - n_xz in held else along.p[:, j - n_xz, None] if j - n_xz < n_p else \
-                along.u[:, j - n_xz - n_p]
+                np.zeros((1, 1)) if along.u is None else along.u[:, j - n_xz - n_p]
         slopes = course.of(result).reshape(len(moving), len(self.names), n)
         found = np.einsum("ksn,mkn->msn", slopes, moved)
         for at, stay in result.stays:
