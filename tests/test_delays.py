@@ -207,3 +207,21 @@ def test_parameters_may_make_a_delay_zero():
     assert np.abs(run["i.y"] - by_steps(run.time, 0.5)).max() < 1e-6
     with pytest.raises(HeavebondError, match="a delay of zero can only grow"):
         hb.simulate(direct, sensitivities=["d.T"])
+
+
+def test_start_of_a_delayed_loop_leaves_states_where_they_are():
+    """The history follows the states: a lag with its own initial value, an integrator without one, and a steady start."""
+    text = """
+model: starts
+components:
+  lag: {is: FirstOrderLag, T_1: 0.3 s, u: "=3 - 0.5*d.y"}
+  d: {is: Delay, T: 0.5 s, u: "=lag.y"}
+  i: {is: Integrator, k: 1 1/s, u: "=1 - e.y"}
+  e: {is: Delay, T: 0.2 s, u: "=i.y"}
+simulate: {until: 0.1 s, every: 0.1 s}
+"""
+    run = hb.simulate(hb.loads(text))
+    assert run["lag.y"] == pytest.approx([2, 2], abs=1e-9)  # y = 3 - 0.5 y
+    assert run["i.y"] == pytest.approx([0, 0.1], abs=1e-8)  # from its default 0
+    run = hb.simulate(hb.loads(text + "initial: {start: steady}\n"))
+    assert run["i.y"] == pytest.approx([1, 1], abs=1e-8)

@@ -204,7 +204,7 @@ class StartSearch:
         if equations.guesses:
             y = newton(self._scaled(equations.approach), y, self.frame).y
         y = self._search(y)
-        if equations.steady or equations.solved_for:
+        if equations.steady or equations.initial.solve:
             self.shut_in = start_messages.undetermined(equations, self._point(y), self.nominal)
         return self._settle(y)
 

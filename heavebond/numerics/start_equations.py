@@ -49,6 +49,8 @@ class InitialisationConstants:
         Doubled: nothing.
     fixed: factor of the size of an unknown that the initial values of components do not move. Origin: the square root of
         rounding, as it enters squared. Doubled: nothing.
+    follows: factor of the size of the value of a delayed variable before the start, which follows its source: states that no
+        condition determines stay where they are. Origin: they move by its inverse squared. Doubled: nothing.
     """
 
     max_nesting: int = 6
@@ -61,6 +63,7 @@ class InitialisationConstants:
     just_after: float = 1e-3
     share: float = 1e-3
     fixed: float = 1e-8
+    follows: float = 1e6
 
 
 INITIALISATION = InitialisationConstants()
@@ -202,7 +205,8 @@ class StartEquations:
         for k, (j, order) in enumerate(self.assembly.reduced.states):
             if j not in own or order:
                 found[k] *= INITIALISATION.fixed
-        found[len(self.assembly.x_nominal) + len(self.assembly.z_nominal):] *= INITIALISATION.fixed
+        begin = len(self.assembly.x_nominal) + len(self.assembly.z_nominal)
+        found[begin:begin + len(self.initial.solve)] *= INITIALISATION.fixed  # values before the start follow
         return found
 
     def _of_components(self, conditions: list[Condition]) -> list[StartRow]:
@@ -379,4 +383,6 @@ class StartEquations:
         """The usual sizes of (x, z, solved parameters)."""
         assembly = self.assembly
         own = [max(abs(p[k]), usual) for k, usual in zip(self.solved_for, self._usual, strict=True)]
+        n = len(self.initial.solve)
+        own[n:] = [INITIALISATION.follows * size for size in own[n:]]
         return np.concatenate([assembly.x_nominal, assembly.z_nominal, np.array(own)])

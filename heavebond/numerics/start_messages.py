@@ -271,10 +271,12 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple
     jacobian = scaled(jacobian, None, sizes)
     null = null_space(scaled(jacobian, weights(residual, jacobian)), INITIALISATION.undetermined).T
     assembly = equations.assembly
-    solved = [assembly.parameter_names[k] for k in equations.solved_for]
-    names = [*assembly.state_names, *assembly.algebraic_names, *solved]
+    solved = list(equations.initial.solve)
+    names = [*assembly.state_names, *assembly.algebraic_names, *(assembly.parameter_names[k] for k in equations.solved_for)]
+    begin = len(assembly.state_names) + len(assembly.algebraic_names)
     if not equations.steady:
-        null = null[np.abs(null[:, len(names) - len(solved):]).max(axis=1, initial=0.0) > 1e-6] if len(null) else null
+        asked = np.abs(null[:, begin:begin + len(solved)]).max(axis=1, initial=0.0) > 1e-6
+        null = null[asked] if len(null) else null
     if not len(null):
         return ()
     shut_in = [name for name, share in zip(names, np.abs(null).max(axis=0), strict=True) if share > INITIALISATION.share]
