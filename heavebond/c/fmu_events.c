@@ -1,7 +1,7 @@
 /* Events between and within the steps of co-simulation, and those that a program with an integrator of its own looks for.
    A condition that becomes true is found in each step of the integrator: where its indicator passes zero, or the cubic with
    its values and rates at both ends of the step does, the instant is found by Newton's method, in a bracket, with a step of
-   that length. Events of time end a step exactly. All new values are those before the instant. */
+   that length. Events of time end a step exactly. New values follow the order of the updates. */
 
 enum { MOST_STEPS = 1000000, CASCADES = 100, CHATTERING = 30, ITERATIONS = 80, HALVINGS = 14, PARTS = 8 };
 static const double SAME = 1e-12;     /* share of the run within which two instants are one */
@@ -66,20 +66,21 @@ static double next_instant(const Values *now) {
 /* -- what happens ------------------------------------------------------------------------------------------------------ */
 static const char *followed(Values *now, double values[]) {
   const double *arg[] = {&now->t, now->x, now->z, now->p, now->u};
-  double *res[] = {0, 0, values, 0};
+  double *res[] = {0, values, 0};
   const char *wrong = evaluate(now);
   return wrong ? wrong : model_happenings(arg, res, 0, 0, 0) ? NO_SOLUTION : NULL;
 }
 
-/* All marked events set their new values, which are those before any of them; *sets says whether one sets a state. */
+/* All marked events set their new values; *sets says whether one sets a state. */
 static const char *fire(Values *now, const bool marked[], bool *sets) {
-  double values[model_n_r + 1];
-  const double *arg[] = {&now->t, now->x, now->z, now->p, now->u};
-  double *res[] = {0, values, 0, 0};
+  double values[model_n_r + 1], fired[model_n_e + 1];
+  const double *arg[] = {&now->t, now->x, now->z, now->p, now->u, fired};
+  double *res[] = {values};
   const char *wrong = evaluate(now);
   int i, row;
   if (wrong) return wrong;
-  if (model_happenings(arg, res, 0, 0, 0)) return NO_SOLUTION;
+  for (i = 0; i < model_n_e; ++i) fired[i] = marked[i];
+  if (model_updates(arg, res, 0, 0, 0)) return NO_SOLUTION;
   for (i = 0; i < model_n_e; ++i)
     for (row = model_rows[i]; marked[i] && row < model_rows[i + 1]; ++row) {
       if (model_set_state[row] >= 0) now->x[model_set_state[row]] = values[row], *sets = true;
@@ -97,7 +98,7 @@ static const char *give_way(const Values *now, const bool tried[], bool loose, d
     Values trial = *now;
     double rates[model_n_b + 1];
     const double *arg[] = {&trial.t, trial.x, trial.z, trial.p, trial.u};
-    double *res[] = {0, 0, 0, rates};
+    double *res[] = {0, 0, rates};
     const char *wrong;
     for (k = 0; k < model_n_b && loose; ++k) trial.p[model_break_limit[k]] = REDUCED;
     for (k = 0; k < model_n_b; ++k)

@@ -87,7 +87,7 @@ static const char *limit_passed(Values *now) {
 /* The indicators of the conditions, of which one above zero is true. */
 static const char *indicate(Values *now, double indicators[]) {
   const double *arg[] = {&now->t, now->x, now->z, now->p, now->u};
-  double *res[] = {indicators, 0, 0, 0};
+  double *res[] = {indicators, 0, 0};
   const char *wrong = evaluate(now);
   return wrong ? wrong : model_happenings(arg, res, 0, 0, 0) ? NO_SOLUTION : NULL;
 }

@@ -102,6 +102,7 @@ class BlockSolver:
         self.residuals, self.symbols, self.constants, self.numbers = residuals, symbols, constants, numbers
         self.derived = derived
         self.defined: list[int] = []  # columns
+        self.sources: list[tuple[int, ...]] = []  # the rows of the block in which each of these is solved for
         self._definitions: list[int] = []  # among the solutions
         self._solutions: list[ca.SX] = []  # columns, which are stacked far faster than their elements
         self._number = 0  # of all in these
@@ -141,11 +142,11 @@ class BlockSolver:
             self._eliminate(together)
         for rows, _ in blocks:
             if rows[0] not in loops:
-                self._define([alone[rows[0]]])
+                self._define([alone[rows[0]]], rows)
                 continue
             block = loops[rows[0]]
-            self._define(block.eliminated[::-1])
-            self._define(block.solved)
+            self._define(block.eliminated[::-1], rows)
+            self._define(block.solved, rows)
             self.torn += block.torn
             self.remaining += [(r, self.rows[i]) for r, i in zip(block.remaining, block.residual, strict=True)]
             owners = tuple(dict.fromkeys(self.flat.equations[self.rows[r][0]].owner for r in rows))
@@ -258,9 +259,10 @@ class BlockSolver:
                 zero[k] = value == 0
         return zero
 
-    def _define(self, solved: Sequence[_Solved]) -> None:
+    def _define(self, solved: Sequence[_Solved], rows: Sequence[int]) -> None:
         for found in solved:
             self.defined.append(found.column)
+            self.sources.append(tuple(rows))
             self._definitions.append(found.value)
             if found.coefficient is not None and not found.coefficient.is_constant():
                 name = column_name(self.flat, self.unknown[found.column])

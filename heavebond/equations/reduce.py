@@ -35,7 +35,9 @@ class Reduced:
     """x' = ode(t, x, z, p), 0 = alg(t, x, z, p); every other unknown is an expression in these.
 
     `symbols` and `expressions` map each raw symbol of the flat model (unknowns and their derivatives, `defined`) to SX in
-    (x, z, p, time, rate, measured inputs); `system` is what was solved, as it stood before.
+    (x, z, p, time, rate, measured inputs); `system` is what was solved, as it stood before. `definitions` are the same
+    expressions of what is `defined`, each in raw symbols of those before it, and `sources` the rows of `system` in the block
+    in which each was solved for.
     """
 
     flat: Flat
@@ -55,6 +57,8 @@ class Reduced:
     loops: tuple[Loop, ...]
     system: Simultaneous
     choices: System
+    definitions: ca.SX
+    sources: tuple[tuple[int, ...], ...]
 
     def name(self, column: Column) -> str:
         """`crown.x`, or `der(crown.x)` for a derivative."""
@@ -279,8 +283,9 @@ class System:
         piggyback = [rates, stack([r for r, _ in solver.remaining]),
                      stack([p.coefficient for p in solver.pivots])]
         defined, expressions, others = system.unknowns[solver.defined], ca.SX(0, 1), piggyback
+        definitions = solver.definitions
         if solver.defined:
-            (expressions,), others = ca.substitute_inplace([defined], [solver.definitions], piggyback, False)
+            (expressions,), others = ca.substitute_inplace([defined], [definitions], piggyback, False)
         pivots = tuple(replace(p, coefficient=c)
                        for c, p in zip(split(others[2]), solver.pivots, strict=True))
         order = self.order
@@ -289,7 +294,8 @@ class System:
             flat, tuple(states), tuple(torn), x, z, others[0], others[1],
             tuple(flat.equations[row[0]] for _, row in solver.remaining), defined, expressions,
             tuple(system.columns[c] for c in solver.defined), pivots, max(order, default=0) + (1 if algebraic else 0),
-            tuple((i, k) for i, k in enumerate(order) if k), tuple(solver.loops), system, self)
+            tuple((i, k) for i, k in enumerate(order) if k), tuple(solver.loops), system, self, definitions,
+            tuple(solver.sources))
 
     def _lost(self, system: Simultaneous, dependent: list[int]) -> ModelError:
         """The error for equations that depend on each other at the first guess already; `dependent` are some of them."""

@@ -48,7 +48,8 @@ def c_text(made: Portable, prefix: str, *, whole: bool = False) -> str:
     steps, stops, parts = not whole and bool(made.events), 0, [_source("evaluate.c")]
     functions = [made.equations]
     if whole or steps:
-        functions += [made.directions, made.jacobian, made.happenings, made.instants, made.starting.conditions]
+        functions += [made.directions, made.jacobian, made.happenings, made.updates, made.instants,
+                      made.starting.conditions]
     elif made.stops is not None and made.stops.size1_out(0):
         stops = made.stops.size1_out(0)
         functions.append(made.stops)

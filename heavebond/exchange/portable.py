@@ -82,10 +82,11 @@ class Portable:
     direction of each) -> what (x', y, g, indicators) change along it, and `jacobian` (t, x, z, p, u) -> the derivatives of
     (x', g) by (x, z), by rows, and by t. `parameters` are all of p, of which those in `tunable` are the user's.
 
-    Of the events, `happenings` is (t, x, z, p, u) -> (indicators of the conditions, new values of all resets, what the
-    equations differentiate and events may not make jump, with `sizes`, accelerations of the contacts that may break
-    away), and `instants` p -> (first instants, periods). `stops` is p -> the instants at which an integrator stops for
-    functions of time; `limits` (t, x, z, p, u) -> how far the variables `limited` are above their physical limits."""
+    Of the events, `happenings` is (t, x, z, p, u) -> (indicators of the conditions, what the equations differentiate and
+    events may not make jump, with `sizes`, accelerations of the contacts that may break away), `updates` (t, x, z, p, u, 1
+    for each event that happens) -> new values of all resets (see `numerics.update_order`), and `instants` p -> (first
+    instants, periods). `stops` is p -> the instants at which an integrator stops for functions of time; `limits`
+    (t, x, z, p, u) -> how far the variables `limited` are above their physical limits."""
 
     assembly: Assembly
     states: tuple[Quantity, ...]
@@ -98,6 +99,7 @@ class Portable:
     directions: ca.Function
     jacobian: ca.Function
     happenings: ca.Function
+    updates: ca.Function
     instants: ca.Function
     sizes: tuple[float, ...]
     starting: StartConditions
@@ -223,19 +225,20 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
     given = stack([t, *(s / ca.SX(ca.DM([1, 1, 2, 6])) for s in symbols)])  # c_k = u^(k) / k!
     followed = differentiated(assembly)
     happenings = [assembly.express(stack(found)) for found in (
-        [e.indicator for e in flat.events if e.indicator is not None],
-        [reset.value for e in flat.events for reset in e.resets], [flat.levels[0][j] for j in followed],
+        [e.indicator for e in flat.events if e.indicator is not None], [flat.levels[0][j] for j in followed],
         [flat.levels[1][e.breakaway.speed] for e in flat.events if e.breakaway],
         [flat.levels[0][flat.names[u.name]] - u.plausible.least for u in limited(assembly).unknowns])]
-    right = ca.substitute([assembly.ode, outputs, assembly.alg, ca.vec(jacobian), *happenings], [pieces, rate],
-                          [given if flat.inputs else pieces, ca.SX(1)])
+    updates = assembly.update_order.at(first.p)
+    right = ca.substitute([assembly.ode, outputs, assembly.alg, ca.vec(jacobian), *happenings, updates.values],
+                          [pieces, rate], [given if flat.inputs else pieces, ca.SX(1)])
     used = {s.element_hash() for side in right for s in ca.symvar(side)}
     kept = [(k, order) for k, s in enumerate(symbols) for order, one in enumerate(split(s))
             if order == 0 or one.element_hash() in used]
     u = stack([symbols[k][order] for k, order in kept])
     equations = ca.Function(f"{prefix}equations", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[:4]]))
-    happening = ca.Function(f"{prefix}happenings", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[4:8]]))
-    limits = ca.Function(f"{prefix}limits", [t, x, z, p, u], ca.cse([ca.densify(right[8])]))
+    happening = ca.Function(f"{prefix}happenings", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[4:7]]))
+    limits = ca.Function(f"{prefix}limits", [t, x, z, p, u], ca.cse([ca.densify(right[7])]))
+    updated = ca.Function(f"{prefix}updates", [t, x, z, p, u, updates.fired], ca.cse([ca.densify(right[8])]))
     along = [ca.SX.sym("along", one.shape) for one in (t, x, z, p, u)]
     moving = [*right[:3], right[4]]
     slopes = ca.jtimes(stack(moving), stack([t, x, z, p, u]), stack(along))
@@ -255,7 +258,7 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
                     _parameters(assembly, first), tuple(not q.name.startswith(DERIVED) for q in flat.parameters),
                     tuple(_input(assembly, k, order, column) for k, order in kept),
                     tuple(_outputs(assembly, shown, outputs, first, column)), equations, directions, by_all,
-                    happening, instants, tuple(float(flat.unknowns[j].nominal) for j in followed), starting, limits)
+                    happening, updated, instants, tuple(float(flat.unknowns[j].nominal) for j in followed), starting, limits)
 
 
 def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: list[ca.SX], u: ca.SX, label: str

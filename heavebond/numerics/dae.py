@@ -26,6 +26,7 @@ from heavebond.numerics.impulses import with_impulses
 from heavebond.numerics.interval_functions import operation
 from heavebond.numerics.output_times import begin_of
 from heavebond.numerics.reset_checks import check_resets
+from heavebond.numerics.update_order import UpdateOrder
 from heavebond.text.expression import Expr, ExpressionProblem
 
 Array = NDArray[np.float64]
@@ -78,6 +79,11 @@ class Assembly:
         if key not in self.memo:
             self.memo[key] = make()
         return cast(T, self.memo[key])
+
+    @property
+    def update_order(self) -> UpdateOrder:
+        """The order of the updates at one instant."""
+        return self.once("update order", lambda: UpdateOrder(self.reduced, self.express))
 
     @property
     def flat(self) -> Flat:
@@ -281,12 +287,15 @@ def build(reduced: Reduced) -> Assembly:
     _check_smoothness(reduced, [reduced.ode, reduced.alg, values])
     ode, alg, values = (with_inputs(e) for e in (reduced.ode, reduced.alg, values))
     pivots = with_inputs(stack([q.coefficient for q in reduced.pivots]))
-    return Assembly(
+    made = Assembly(
         reduced, np.array([q.value for q in flat.parameters]),
         np.array([flat.unknowns[j].nominal for j, _ in reduced.states]),
         np.array([flat.unknowns[j].nominal for j, _ in reduced.algebraic]),
         arguments, ode, alg, ca.Function("rates", list(arguments), [ode, alg]),
         ca.Function("values", list(arguments), [values]), ca.Function("pivots", list(arguments), [pivots]))
+    if flat.events:
+        made.update_order.at(made.p)  # ModelError for a loop of sampled parts
+    return made
 
 
 def _check_events(reduced: Reduced) -> None:

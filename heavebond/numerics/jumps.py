@@ -31,6 +31,7 @@ from heavebond.numerics.co_simulation import Partners
 from heavebond.numerics.dae import Array, Assembly, solved_loops
 from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.start_equations import Point
+from heavebond.numerics.update_order import Updates
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,8 @@ class EventEquations:
         self.conditions = [i for i, event in enumerate(self.events) if event.indicator is not None]
         indicators = assembly.express(stack(e.indicator for e in self.events if e.indicator is not None))
         resets = [reset for event in self.events for reset in event.resets]
-        values = assembly.express(stack(reset.value for reset in resets))
+        self.order = assembly.update_order
+        self._updates: dict[bytes, _CompiledUpdates] = {}
         ends = np.cumsum([len(event.resets) for event in self.events]).tolist()
         self.rows = [range(end - len(event.resets), end) for end, event in zip(ends, self.events, strict=True)]
         states = {column: k for k, column in enumerate(assembly.reduced.states)}
@@ -62,16 +64,15 @@ class EventEquations:
         self.held = [r.held for r in resets]
         self.has_loops = bool(z.numel())
         self.partners = Partners(assembly, self.rows)
-        self._values = ca.Function("happenings", arguments, [indicators, values])
+        self._indicators = ca.Function("indicators", arguments, [indicators])
         self._looked = _looked(assembly, indicators)
         self._rates = ca.Function("rates", [*arguments, factors], [assembly.ode, quadratures])
         self._alg = ca.Function("alg", arguments, [assembly.alg])
         self._by_z = ca.Function("by_z", arguments, [ca.densify(ca.jacobian(assembly.alg, z))])
         directions = [ca.SX.sym("d", a.numel()) for a in (t, x, z, p, u)]
         moving = 5 if assembly.flat.delays else 4
-        moved = ca.jtimes(stack([assembly.alg, indicators, values]), stack([t, x, z, p, u][:moving]),
-                          stack(directions[:moving]))
-        parts = ca.vertsplit(moved, np.cumsum([0, z.numel(), indicators.numel(), values.numel()]).tolist())
+        moved = ca.jtimes(stack([assembly.alg, indicators]), stack([t, x, z, p, u][:moving]), stack(directions[:moving]))
+        parts = ca.vertsplit(moved, np.cumsum([0, z.numel(), indicators.numel()]).tolist())
         self._along = ca.Function("along", [*arguments, *directions], parts)
         first, period = (assembly.express(stack(e.first for e in self.events)),
                          assembly.express(stack(ca.SX(0) if e.period is None else e.period for e in self.events)))
@@ -113,8 +114,8 @@ class EventEquations:
         return values, self._directed(columns, np.ones((1, n)), rates, np.zeros((len(p), n)), np.zeros_like(u))[0]
 
     def _directed(self, columns: Sequence[Array], dt: Array, dx: Array, dp: Array, du: Array) -> tuple[Array, Array]:
-        """The derivatives of indicators (n_c, N) and new values (n_r, N) along directions (., N), each at its own point;
-        the algebraic unknowns follow."""
+        """The derivatives of indicators (n_c, N) and algebraic unknowns (n_z, N) along directions (., N), each at its own
+        point."""
         n = dx.shape[1]
         n_z = len(columns[2])
         dz: Array = np.zeros((n_z, n))
@@ -125,8 +126,7 @@ class EventEquations:
                 dz = np.asarray(-np.linalg.solve(by_z, moved.T[:, :, None])[:, :, 0].T, float)
             except np.linalg.LinAlgError:
                 raise self._undecided(columns, by_z) from None
-        _, indicators, values = self._along(*columns, dt, dx, dz, dp, du)
-        return np.array(indicators).reshape(-1, n), np.array(values).reshape(-1, n)
+        return np.array(self._along(*columns, dt, dx, dz, dp, du)[1]).reshape(-1, n), dz
 
     def _undecided(self, columns: Sequence[Array], by_z: Array, when: str = "at") -> SimulationError:
         """What to say where d(algebraic equations)/dz (N, n_z, n_z) is singular at the first of N points."""
@@ -137,9 +137,48 @@ class EventEquations:
 
     def _at_one(self, point: Point, dt: Array, dx: Array, dp: Array, du: Array) -> tuple[Array, Array]:
         """As `_directed`, for m directions (dt (m,), dx (n_x, m), dp (n_p, m), du (n_u, m)) at one point."""
-        m = dx.shape[1]
-        columns = [np.tile(np.reshape(a, (-1, 1)), (1, m)) for a in point.values()]
-        return self._directed(columns, dt[None, :], dx, dp, du)
+        return self._directed(_repeated(point, dx.shape[1]), dt[None, :], dx, dp, du)
+
+    def _updates_at(self, p: Array) -> _CompiledUpdates:
+        """The updates with parameters p (n_p,)."""
+        key = (p[self.order.zeros] == 0).tobytes()
+        if key not in self._updates:
+            self._updates[key] = _CompiledUpdates(self.assembly, self.order.at(p))
+        return self._updates[key]
+
+    def _new_values(self, point: Point, fired: Sequence[int]) -> Array:
+        """The new values (n_r,) of all resets where the events `fired` happen at one instant."""
+        updates = self._updates_at(point.p)
+        happening = np.zeros(len(self.events))
+        happening[list(fired)] = 1.0
+        for pair in updates.apart:
+            if happening[list(pair)].all():
+                rows = [row for event in pair for row in self.rows[event]]
+                raise SimulationError([self.order.problem(rows)])
+        return np.array(updates.values(*point.values(), happening)).ravel()
+
+    def _new_along(self, point: Point, after: Array, moved: PointSensitivity, x_rate: Array, fired: Sequence[int],
+                   delays: Sequence[Array]) -> Array:
+        """The derivatives (n_r, m) of the new values of the events `fired` along directions, one rank after the other: an
+        update reads what others assign with its derivative. `after` are the parameters p after the instant."""
+        updates, m = self._updates_at(point.p), moved.x.shape[1]
+        new, d_after, columns = np.zeros((len(self.held), m)), moved.p.copy(), _repeated(point, m)
+        after = np.tile(after[:, None], (1, m))
+        for rank in updates.ranks:
+            for event, delay in zip(fired, delays, strict=True):
+                rows = [row for row in self.rows[event] if row in rank]
+                if not rows:
+                    continue
+                dx = moved.x + np.outer(x_rate, delay)
+                dz = self._directed(columns, delay[None, :], dx, moved.p, moved.u)[1]
+                found = np.array(updates.along(
+                    *columns, after, delay[None, :], dx, dz, moved.p, moved.u, d_after)).reshape(-1, m)
+                new[rows] = found[rows]
+            for event in fired:
+                for row in self.rows[event]:
+                    if row in rank and (held := self.held[row]) is not None:
+                        d_after[held] = new[row]
+        return new
 
     def delays(self, point: Point, moved: PointSensitivity, condition: int, slope: float) -> Array:
         """dT (m,) of the condition-th condition, met at a point where its indicator rises with `slope`."""
@@ -222,13 +261,14 @@ class EventEquations:
                 p = point.p.copy()
                 p[self._forces[event]] = impulse/touch
                 loaded = self.settled(replace(point, p=p), fired)
-                before, (under, values) = (self._values(*at.values()) for at in (point, loaded))
-                turned = (np.array(under).ravel() > 0) & (np.array(before[0]).ravel() <= 0)
+                before, under = (np.array(self._indicators(*at.values())).ravel() for at in (point, loaded))
+                turned = (under > 0) & (before <= 0)
                 more = [i for c, i in enumerate(self.conditions) if turned[c] and i not in (*fired, *yielded)]
                 if not more:
                     break
+                values = self._new_values(loaded, more)
                 for i in more:
-                    held = self._set(point, np.array(values).ravel(), i).p
+                    held = self._set(point, values, i).p
                     point = replace(point, p=held)
                 point, yielded = self.settled(point, more), yielded + more
         return point, yielded
@@ -277,12 +317,12 @@ class EventEquations:
         """The point and its derivatives after the events `fired` at one instant, with the delays dT (m,) of each, and the
         events that their impulses, within `touch` (s), set off (see `yielding`).
 
-        All new values are those before the instant. Where events coincide that move differently with a parameter, the
-        derivative is that for the order in which they stand.
+        The new values are computed in the order of `update_order`. Where events coincide that move differently with a
+        parameter, the derivative is that for the order in which they stand.
         """
         begun = point
         point, yielded = self.yielding(point, fired, touch)
-        values, now = np.array(self._values(*point.values())[1]).ravel(), point
+        values, now = self._new_values(point, fired), point
         values = self.partners.exchange(values, point, fired)
         if not moved.x.shape[1]:
             for event in fired:
@@ -290,9 +330,12 @@ class EventEquations:
             return self.settled(now, fired), moved, yielded
         x, q, p = moved.x.copy(), moved.q.copy(), moved.p.copy()
         x_rate, _ = before = self.rates(begun, factors)
+        after_all = point
+        for event in fired:
+            after_all = self._set(after_all, values, event)
+        new = self._new_along(point, after_all.p, moved, x_rate, fired, delays)
         for event, delay in zip(fired, delays, strict=True):
             now = self.settled(self._set(now, values, event), fired)
-            _, new = self._at_one(point, delay, moved.x + np.outer(x_rate, delay), moved.p, moved.u)
             after = self.rates(now, factors)
             x += np.outer(before[0] - after[0], delay)
             q += np.outer(before[1] - after[1], delay)
@@ -307,7 +350,7 @@ class EventEquations:
 
     def would_change(self, point: Point, event: int) -> bool:
         """Whether the event would set anything at a point to another value than it has there."""
-        values = np.array(self._values(*point.values())[1]).ravel()
+        values = self._new_values(point, [event])
         after, sizes = self._set(point, values, event), self.assembly.x_nominal
         moved = np.any(np.abs(after.x - point.x) > EVENTS.continuous * sizes)
         return bool(moved or not np.allclose(after.p, point.p, EVENTS.continuous, 0.0))
@@ -321,6 +364,28 @@ class EventEquations:
             if held is not None:
                 p[held] = values[row]
         return replace(point, x=x, p=p)
+
+
+class _CompiledUpdates:
+    """Functions of updates: `values` (n_r,) of the arguments of an assembly and the events that happen, and `along`, the
+    derivatives of the direct values along directions of (t, x, z, p, u) and of the parameters after the instant."""
+
+    def __init__(self, assembly: Assembly, updates: Updates):
+        self.ranks, self.apart = updates.ranks, updates.apart
+        t, x, z, p, u, _ = arguments = list(assembly.arguments)
+        self.values = ca.Function("updates", [*arguments, updates.fired], [ca.densify(updates.values)])
+        moving = [t, x, z, p, u, updates.after]
+        directions = [ca.SX.sym("d", a.numel()) for a in moving]
+        along = list(directions)
+        if not assembly.flat.delays:  # other inputs do not depend on parameters
+            along[4] = ca.SX(u.numel(), 1)
+        self.along = ca.Function("along", [*arguments, updates.after, *directions], [
+            ca.densify(ca.jtimes(updates.direct, stack(moving), stack(along)))])
+
+
+def _repeated(point: Point, m: int) -> list[Array]:
+    """The values of a point in m columns."""
+    return [np.tile(np.reshape(a, (-1, 1)), (1, m)) for a in point.values()]
 
 
 def _looked(assembly: Assembly, indicators: ca.SX) -> ca.Function:

@@ -58,7 +58,7 @@ def timetable(events: Sequence[FlatEvent], instants: tuple[Array, Array, Array, 
         elif event.indicator is None:
             coming[i] = (float(first[i]), by_first[i]) if first[i] >= begin - same else (begin, np.zeros_like(by_first[i]))
     while coming and (time := min(at for at, _ in coming.values())) <= end + same:
-        now = [i for i, (at, _) in coming.items() if at <= time + same]
+        now = sorted(i for i, (at, _) in coming.items() if at <= time + same)
         yield time, now, [coming[i][1] for i in now]
         for i in now:
             del coming[i]

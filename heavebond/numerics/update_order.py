@@ -1,0 +1,255 @@
+"""The order of updates at one instant: sampled blocks are evaluated along the flow of their signals.
+
+At an instant several time events may assign held variables, h_i := r_i(t, x, z, p, h). Within its component, an update reads
+the held variables as they were before the instant (`n: n + 1`). Along signals it reads those of other components as they are
+assigned at the same instant, so that blocks of one rate in series add no sample. Quantities of the physical network have
+their values before the instant: a converter samples before the forces of the same instant act. The updates are sorted by
+these dependencies and written into each other, with a symbol for each event that is 1 if the event happens at the instant;
+a loop of updates that may happen at the same instant is an error. E. A. Lee, D. G. Messerschmitt, Synchronous data flow,
+Proc. IEEE 75 (1987) 1235, doi:10.1109/PROC.1987.13876.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import dataclass
+from fractions import Fraction
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import ModelError, Problem, either, listing
+from heavebond.equations.flatten import EquationRole
+from heavebond.equations.matching import block_lower_triangular
+from heavebond.equations.reduce import Reduced
+from heavebond.language.symbols import places, split, stack
+
+Array = NDArray[np.float64]
+LARGEST_RATIO = 1_000_000  # of two periods that have common multiples
+SAME_RATIO = 1e-11  # relative difference of two ratios of periods that counts as rounding
+HINT = ("Insert a UnitDelay where a value of the instant before is meant, or let one of them sample later by its parameter "
+        "`t_0`.")
+
+
+@dataclass(frozen=True)
+class Updates:
+    """The new values of all resets, in the order of the events.
+
+    `values` (n_r,) are formulas of the arguments of the assembly and of `fired` (n_e,), 1 for each event that happens.
+    `direct` (n_r,) are the same in terms of the arguments and of `after` (n_p,), the parameters and held variables after the
+    instant; the resets of `ranks[k]` read in `after` what those of lower ranks assign. `apart` are pairs of events that must
+    not happen at the same instant, as their updates read each other.
+    """
+
+    fired: ca.SX
+    values: ca.SX
+    after: ca.SX
+    direct: ca.SX
+    ranks: tuple[tuple[int, ...], ...]
+    apart: frozenset[tuple[int, int]]
+
+
+class UpdateOrder:
+    """The updates of an assembly. If a loop of updates is open because a parameter is 0, as the direct feedthrough of a
+    discrete transfer function, the order depends on which of the parameters `zeros` (indices) are 0."""
+
+    def __init__(self, reduced: Reduced, express: Callable[[ca.SX], ca.SX]):
+        """`express` puts raw symbols in terms of the arguments of the assembly."""
+        self._made: dict[bytes, Updates] = {}
+        self._graph = _Graph(reduced, express)
+        inside = {s.element_hash() for loop in self._graph.loops(self._graph.needs(())) for row in loop
+                  for s in ca.symvar(self._graph.direct[row])}
+        held = {h.index for h in reduced.flat.held}
+        self.zeros = [k for k, s in enumerate(split(reduced.flat.p)) if s.element_hash() in inside and k not in held]
+
+    def at(self, p: Array) -> Updates:
+        """The updates for the values p (n_p,) of the parameters; ModelError with the parts of a loop."""
+        zero = p[self.zeros] == 0
+        key = zero.tobytes()
+        if key not in self._made:
+            self._made[key] = self._graph.updates([k for k, none in zip(self.zeros, zero.tolist(), strict=True) if none], p)
+        return self._made[key]
+
+    def problem(self, rows: Sequence[int]) -> Problem:
+        """The problem of updates that read each other at one instant."""
+        return self._graph.problem(rows)
+
+
+class _Graph:
+    """The resets (rows), and which of them read what others assign."""
+
+    def __init__(self, reduced: Reduced, express: Callable[[ca.SX], ca.SX]):
+        self.reduced, self.express, flat = reduced, express, reduced.flat
+        self.events = flat.events
+        self.owner = [e for e, event in enumerate(flat.events) for _ in event.resets]
+        resets = [reset for event in flat.events for reset in event.resets]
+        self.held = [reset.held for reset in resets]
+        timed = [row for row, e in enumerate(self.owner) if flat.events[e].indicator is None]
+        self.setters: dict[int, list[int]] = {}
+        for row in timed:
+            if (held := self.held[row]) is not None:
+                self.setters.setdefault(held, []).append(row)
+        self.p, self.after = flat.p, ca.SX.sym("after", flat.p.numel())
+        raw = [reset.value for reset in resets]
+        components = {flat.events[self.owner[row]].name.rpartition(".")[0] for row in timed}
+        if len(components) > 1:
+            for row, value in zip(timed, self._along_signals([raw[row] for row in timed], timed), strict=True):
+                raw[row] = value
+        column, later = stack(raw), places(self.after)
+        known = stack(s for s in ca.symvar(column) if s.element_hash() not in later)
+        self.direct = split(ca.substitute(column, known, express(known)))
+
+    def _along_signals(self, values: Sequence[ca.SX], rows: Sequence[int]) -> list[ca.SX]:
+        """New values (raw) with the signals in them traced back to held variables: those of the own component are
+        parameters p, those of others are `after`. Other unknowns remain."""
+        reduced, flat = self.reduced, self.reduced.flat
+        owners, signals = _traced(reduced)
+        held, before = stack(flat.p[k] for k in self.setters), stack(ca.SX.sym("before") for _ in self.setters)
+        own: dict[str, list[int]] = {}
+        for n, row in enumerate(rows):
+            own.setdefault(self.events[self.owner[row]].name.rpartition(".")[0], []).append(n)
+        found = list(values)
+        for path, which in own.items():
+            inner = {h: value for h, value in signals.items() if owners[h] == path}
+            column = _substituted(stack(values[n] for n in which), inner)
+            mine = [k for k, held_row in enumerate(self.setters) if self._component(held_row) == path]
+            column = ca.substitute(column, held[mine], before[mine]) if mine else column
+            for n, value in zip(which, split(column), strict=True):
+                found[n] = value
+        column = _substituted(stack(found), signals)
+        column = ca.substitute(column, held, stack(self.after[k] for k in self.setters))
+        found = split(ca.substitute(column, before, held))
+        for n, row in enumerate(rows):  # what an update itself assigns it reads as it was
+            k = self.held[row]
+            if k is not None:
+                found[n] = ca.substitute(found[n], self.after[k], flat.p[k])
+        return found
+
+    def _component(self, held: int) -> str:
+        """The path of the component of a held variable."""
+        return self.events[self.owner[self.setters[held][0]]].name.rpartition(".")[0]
+
+    def needs(self, zeros: Sequence[int]) -> list[Set[int]]:
+        """The rows that each row reads, if the parameters `zeros` are 0."""
+        column = stack(self.direct)
+        if zeros:
+            column = ca.substitute(column, self.p[list(zeros)], ca.SX.zeros(len(zeros)))
+        place = places(self.after)
+        return [{setter for s in ca.symvar(value) if (k := place.get(s.element_hash())) is not None
+                 for setter in self.setters[k]} for value in split(column)]
+
+    @staticmethod
+    def loops(needs: Sequence[Set[int]]) -> list[list[int]]:
+        """The loops of rows that read each other."""
+        rows = [[row, *sorted(read)] for row, read in enumerate(needs)]
+        return [block for block in block_lower_triangular(rows, list(range(len(rows)))) if len(block) > 1]
+
+    def updates(self, zeros: Sequence[int], p: Array) -> Updates:
+        """The updates with the parameters `zeros` at 0."""
+        needs = self.needs(())
+        if self.loops(needs):
+            needs = self.needs(zeros)
+        read, apart = [set(n) for n in needs], set[tuple[int, int]]()
+        first, period = self._instants(p)
+        for loop in self.loops(needs):
+            for row in loop:
+                for other in needs[row] & set(loop):
+                    pair = self.owner[row], self.owner[other]
+                    once = any(self.events[e].period is None for e in pair)
+                    if once or not _meet(*(float(a[e]) for a in (first, period) for e in pair)):
+                        read[row].discard(other)
+                        apart |= set() if once else {pair}
+        if left := self.loops(read):
+            raise ModelError([self.problem(loop) for loop in left])
+        return self._written_out(read, frozenset(apart))
+
+    def _instants(self, p: Array) -> tuple[Array, Array]:
+        found = ca.Function("instants", [self.p], [
+            self.express(stack(e.first for e in self.events)),
+            self.express(stack(ca.SX(0) if e.period is None else e.period for e in self.events))])(p)
+        first, period = (np.array(v).ravel() for v in found)
+        return first, period
+
+    def _written_out(self, read: Sequence[Set[int]], apart: frozenset[tuple[int, int]]) -> Updates:
+        """The updates in ranks, and each with those that it reads written into it."""
+        fired, direct = ca.SX.sym("fired", len(self.events)), list(self.direct)
+        for row, setters in enumerate(read):  # what is read as before the instant, to open a loop
+            others = {k for k, rows in self.setters.items() if not set(rows) & setters}
+            used = [k for s in ca.symvar(direct[row]) if (k := places(self.after).get(s.element_hash(), -1)) in others]
+            if used:
+                direct[row] = ca.substitute(direct[row], self.after[used], self.p[used])
+        ranks = _ranks(read)
+        now, values = {k: self.p[k] for k in self.setters}, list(direct)
+        for rank in ranks:
+            column = stack(direct[row] for row in rank)
+            if now:
+                column = ca.substitute(column, stack(self.after[k] for k in now), stack(now.values()))
+            for row, value in zip(rank, split(column), strict=True):
+                values[row] = value
+                if (k := self.held[row]) in now:
+                    now[k] = ca.if_else(fired[self.owner[row]], value, now[k])
+        return Updates(fired, stack(values), self.after, stack(direct), ranks, apart)
+
+    def problem(self, loop: Sequence[int]) -> Problem:
+        """The problem of a loop of updates (rows)."""
+        flat = self.reduced.flat
+        parts = list(dict.fromkeys(self.events[self.owner[row]].name.rpartition(".")[0] for row in loop))
+        names = listing([reset.name for event in flat.events for reset in event.resets
+                         if event.name.rpartition(".")[0] in parts], 6)
+        return Problem("sampled-loop", f"the sampled parts {either(parts)} form an algebraic loop: at one instant each reads "
+                       "the value that another assigns", flat.expanded.leaves[parts[0]].place, HINT,
+                       (f"held variables: {names}",))
+
+
+def _traced(reduced: Reduced) -> tuple[dict[int, str], dict[int, tuple[ca.SX, ca.SX]]]:
+    """The signals that are traced: for the hash of each symbol the component in whose equation it was solved for (empty for a
+    formula of the diagram), and the symbol with its definition (raw). Variables of components with ports that exchange power
+    are not traced, except for signals that follow from signals and held variables alone."""
+    flat = reduced.flat
+    leaves, owners, found = flat.expanded.leaves, dict[int, str](), dict[int, tuple[ca.SX, ca.SX]]()
+    roles = {s.element_hash(): flat.unknowns[j].role for level in flat.levels for j, s in enumerate(level)}
+    symbols, definitions = split(reduced.symbols), split(reduced.definitions)
+    for k, column in enumerate(reduced.defined):
+        if flat.unknowns[column[0]].role not in ("own", "signal"):
+            continue
+        lines = [reduced.system.rows[row] for row in reduced.sources[k]]
+        equations = [flat.equations[i] for i, order in lines if order == 0]
+        if len(equations) < len(lines):
+            continue
+        if any(e.role not in (EquationRole.GIVEN, EquationRole.LAW) for e in equations):
+            continue
+        laws = list(dict.fromkeys(e.owner for e in equations if e.role is EquationRole.LAW))
+        if any(leaves[path].component.ports for path in laws):
+            inside = (roles.get(s.element_hash(), "signal") for s in ca.symvar(definitions[k]))
+            if {flat.unknowns[column[0]].role, *inside} != {"signal"}:
+                continue
+        h = symbols[k].element_hash()
+        owners[h] = laws[0] if len(laws) == 1 else ""
+        found[h] = symbols[k], definitions[k]
+    return owners, found
+
+
+def _substituted(column: ca.SX, known: Mapping[int, tuple[ca.SX, ca.SX]]) -> ca.SX:
+    """A column with the known symbols replaced by their definitions, until none is left."""
+    while used := [known[h] for s in ca.symvar(column) if (h := s.element_hash()) in known]:
+        column = ca.substitute(column, stack(symbol for symbol, _ in used), stack(value for _, value in used))
+    return column
+
+
+def _ranks(read: Sequence[Set[int]]) -> tuple[tuple[int, ...], ...]:
+    """The rows by the longest chain of rows that each reads."""
+    rank = [0] * len(read)
+    for (row,) in block_lower_triangular([[row, *sorted(rows)] for row, rows in enumerate(read)], list(range(len(read)))):
+        rank[row] = max((rank[other] + 1 for other in read[row]), default=0)
+    return tuple(tuple(row for row, r in enumerate(rank) if r == k) for k in range(max(rank, default=-1) + 1))
+
+
+def _meet(first: float, other_first: float, period: float, other_period: float) -> bool:
+    """Whether two periodic events ever happen at the same instant: with T_1 = a g and T_2 = b g for whole numbers a and b
+    without a common factor, if the difference of their first instants is a multiple of g."""
+    ratio = Fraction(period / other_period).limit_denominator(LARGEST_RATIO)
+    if ratio == 0 or abs(float(ratio) * other_period / period - 1) > SAME_RATIO:
+        return True  # without a common multiple: at one instant at most, which may be any
+    shift = (other_first - first) / (period / ratio.numerator)
+    return abs(shift - round(shift)) < SAME_RATIO * LARGEST_RATIO
