@@ -139,7 +139,6 @@ def _reset(component: Component, reset: Reset, lookup: Lookup, lengths: Lengths,
         return
     try:
         wanted = lookup(target)
-        lengths.number(target, "what an event sets")
         if _is_given(component, target):
             raise ExpressionProblem("reset-given", f"an event cannot set '{target.text}'", target.column, target.length,
                                     _settable(component))
@@ -148,7 +147,7 @@ def _reset(component: Component, reset: Reset, lookup: Lookup, lengths: Lengths,
         return
     try:
         found = number_dimension(reset.value.tree, lookup)
-        lengths.number(reset.value.tree, "a new value")
+        lengths.assigned(target, reset.value.tree)
     except ExpressionProblem as problem:
         reading.add_expression_problem(problem, reset.value.place, problems)
         return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from math import inf
 from typing import TypeVar
@@ -11,9 +11,9 @@ from typing import TypeVar
 import casadi as ca
 
 from heavebond.core.errors import ModelError, Place, Problem, listing, suggest
-from heavebond.language.definition import Component, Domain, EquationLine, EventDefinition, Formula, Variable
+from heavebond.language.definition import Component, Domain, EquationLine, EventDefinition, Formula, Reset, Variable
 from heavebond.language.incidence import Entry, Interval, classify
-from heavebond.language.symbols import Called, Context, evaluate, indicator, nonsmooth, operated, stack
+from heavebond.language.symbols import Called, Context, evaluate, indicator, nonsmooth, operated, split, stack
 from heavebond.text.expression import Expr, ExpressionProblem, Name, Slice, names
 from heavebond.text.shapes import Lengths, Shape, indexed
 
@@ -273,10 +273,18 @@ class _Builder:
             else:
                 period = self._evaluated(when.formula.tree, when.formula.place)
                 first = self._optional(when.first)
-            targets = [self._evaluated(r.target.tree, r.target.place) for r in when.resets]
-            lines.append(EventLine(when, tuple(local[target.element_hash()] for target in targets)))
-            happenings += [condition, first, period,
-                           *(self._evaluated(r.value.tree, r.value.place) for r in when.resets)]
+            targets, resets, values = [], [], []
+            for reset in when.resets:  # of a list, each of its elements
+                target = split(ca.vec(self._evaluated(reset.target.tree, reset.target.place)))
+                if len(target) > 1:
+                    self._shaped(partial(_assigned, reset), reset.value.place)
+                value = split(ca.vec(self._evaluated(reset.value.tree, reset.value.place)))
+                targets += target
+                resets += [reset] * len(target)
+                values += value * (len(target) if len(value) == 1 else 1)
+            lines.append(EventLine(replace(when, resets=tuple(resets)),
+                                   tuple(local[target.element_hash()] for target in targets)))
+            happenings += [condition, first, period, *values]
         return tuple(lines), happenings
 
     def _bounds(self) -> dict[int, Interval]:
@@ -314,6 +322,12 @@ class _Builder:
         if self.lists or self.arrays:
             self._shaped(lambda lengths: lengths.number(formula.tree, "the formula"), formula.place)
         return self._evaluated(formula.tree, formula.place)
+
+
+def _assigned(reset: Reset, lengths: Lengths) -> None:
+    """Check the shape of a new value; the target is a name, as `event_laws` has checked."""
+    if isinstance(reset.target.tree, Name):
+        lengths.assigned(reset.target.tree, reset.value.tree)
 
 
 def _elements(shape: Shape) -> list[str]:

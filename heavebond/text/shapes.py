@@ -86,6 +86,14 @@ class Lengths:
             return left if left is not None else right
         return self._same(left, right, "the sides of the equation are", _start(equation.right))
 
+    def assigned(self, target: Name, value: Expr) -> None:
+        """ExpressionProblem where a value does not have the shape of what an event sets to it."""
+        shape = self.of(target)
+        if shape is None:
+            self.number(value, "a new value")
+        elif not _zero(value):
+            self._same(shape, self.of(value), "the target and its new value are", _start(value))
+
     def number(self, expr: Expr, what: str) -> None:
         """ExpressionProblem where a list stands for a number."""
         if (found := self.of(expr)) is not None:
