@@ -196,6 +196,7 @@ CASES = [
     Case("torque_between", "housing.w", lambda t: -2*t, RUN),
     Case("torque_between", "rotor.w", lambda t: 3*t, RUN),
     Case("angle_sensor", "sensor.y", phi, LAW),
+    Case("encoder", "sensor.y", lambda t: 2*PI/1000*np.floor(1000/(2*PI)*phi(0.01*np.floor(t/0.01 + 1e-9))), LAW),
     Case("shaft_speed_sensor", "sensor.y", w, LAW),
     Case("angular_acceleration_sensor", "sensor.y", lambda t: -(2*PI)**2*phi(t), LAW),
     Case("relative_angle_sensor", "sensor.y", lambda t: phi(t) - 0.5*t, LAW),

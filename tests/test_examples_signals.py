@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import test_library_drives as drives
 from examples import Array, Case, check, without_example
+from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.interpolate import RegularGridInterpolator
-from scipy.signal import step
+from scipy.signal import lfilter, step
 
 import heavebond as hb
 from heavebond.language.symbols import uniform
@@ -35,6 +36,52 @@ def fed_back(t: Array) -> Array:
 def sampled(t: Array, period: float) -> Array:
     """What u was at the last sample; an output at a sample shows the new one."""
     return u(period*np.floor(t/period + 1e-9))
+
+
+def sample_number(t: Array, period: float) -> NDArray[np.int_]:
+    """The number of the last sample, 0 for that at 0 s."""
+    return np.floor(t/period + 1e-9).astype(int)
+
+
+def filtered(t: Array) -> Array:
+    """The step response by SciPy's filter, held between samples."""
+    response = lfilter([0, 1, 0.5], [1, -1.8*np.cos(PI/4), 0.81], np.full(51, 2.0))
+    return np.asarray(response[sample_number(t, 0.02)])
+
+
+def discrete_pid(t: Array) -> Array:
+    """The algorithm of the component as a program: K_p 2, K_i 8, K_d 0.1, T_f 20 ms, T_t 0.1 s, sampled every 20 ms."""
+    q, d, before, found = 0.0, 0.0, 1.0, []
+    for k in range(51):
+        e = 1.0 if k < 25 else 0.0
+        d = 0.02/0.04*d + 0.1/0.04*(e - before)
+        w = 2*e + q + d
+        found.append(np.clip(w, -4, 4))
+        q += 8*0.02*e + 0.02*8/max(8*0.1, 2/20)*(found[-1] - w)
+        before = e
+    return np.array(found)[sample_number(t, 0.02)]
+
+
+def wichmann_hill(seed: int, n: int) -> tuple[Array, Array]:
+    """Pairs of successive numbers of the generator AS 183 with the first states that the components take."""
+    state = [1 + int((m - 1)*uniform(seed, i)) for i, m in enumerate((30269, 30307, 30323), 1)]
+    found = []
+    for _ in range(2*n):
+        found.append(sum(s/m for s, m in zip(state, (30269, 30307, 30323), strict=True)) % 1)
+        state = [a*s % m for a, s, m in zip((171, 172, 170), state, (30269, 30307, 30323), strict=True)]
+    return np.array(found[::2]), np.array(found[1::2])
+
+
+def gaussian(seed: int, n: int) -> Array:
+    """By Box and Muller."""
+    first, second = wichmann_hill(seed, n)
+    return np.sqrt(-2*np.log(first))*np.sin(2*PI*second)
+
+
+def kept_samples(t: Array) -> Array:
+    """4 V/s times the time of the last sample that was not lost, of samples every 10 ms."""
+    kept = np.where(wichmann_hill(1, 101)[0] < 0.2, -1, np.arange(101))
+    return 4*0.01*np.maximum(np.maximum.accumulate(kept), 0)[sample_number(t, 0.01)]
 
 
 def within(t: Array, begin: float, end: float) -> Array:
@@ -155,6 +202,34 @@ CASES = [
     Case("quantiser", "part.y", lambda t: 0.1*np.round(sampled(t, 0.02)/0.1), "np.round of the samples"),
     Case("delayed_sample_hold", "part.y", lambda t: np.where(t < 0.02, 0, sampled(np.maximum(t - 0.02, 0), 0.05)), LAW),
     Case("sample_hold", "part.y", lambda t: sampled(t, 0.05), LAW),
+    Case("unit_delay", "part.y", lambda t: sampled(np.maximum(t - 0.05, 0), 0.05), LAW),
+    Case("first_order_hold", "part.y", lambda t: sampled(t, 0.05) + np.where(t < 0.05 - 1e-9, 0, (
+        sampled(t, 0.05) - sampled(np.maximum(t - 0.05, 0), 0.05))/0.05)*(t - 0.05*sample_number(t, 0.05)), LAW),
+    Case("enabled_sample_hold", "part.y", lambda t: np.where(t < 0.3 - 1e-9, 0, sampled(np.minimum(t, 0.58), 0.02)), LAW),
+    # the trigger rises through 0.5 at a quarter of each period
+    Case("triggered_sample_hold", "part.y", lambda t: 4*np.maximum(0.05 + 0.2*np.floor((t - 0.05)/0.2 + 1e-9), 0), LAW, 1e-9),
+    Case("discrete_transfer_function", "part.y", filtered, "SciPy's lfilter", 1e-12),
+    Case("discrete_state_space", "outputs[1]", lambda t: 3*(0.1*sample_number(t, 0.1))**2/2, "a parabola at the samples"),
+    Case("discrete_pid", "part.y", discrete_pid, "the algorithm in Python", 1e-12),
+    Case("discrete_switchable_pid", "part.y",
+         lambda t: 3 + 0.5*0.05*np.maximum(sample_number(t, 0.05) - 20, 0), "the integral from the change at 1 s on", 1e-12),
+    Case("discrete_low_pass", "part.y", lambda t: np.where(t < 0.2 - 1e-9, 0, 2*(
+        1 - np.exp(-0.02*(sample_number(t, 0.02) - 9)/0.1))), "step response of a lag, one sample ahead", 1e-12),
+    Case("moving_average", "part.y", lambda t: 4*0.02*np.where(sample_number(t, 0.02) < 4, sample_number(t, 0.02)/2,
+                                                               sample_number(t, 0.02) - 2), "the mean of a straight line"),
+    Case("analog_digital_converter", "part.y", lambda t: 0.1*np.round(np.clip(sampled(t, 0.02), 0, 1.5)/0.1), LAW),
+    Case("white_noise", "part.y", lambda t: 2e4*gaussian(3, 1001)[sample_number(t, 1e-3)], "the generator in Python", 1e-9),
+    Case("random_walk", "part.y", lambda t: 0.01*np.sqrt(1e-3)*np.cumsum(gaussian(3, 1001))[sample_number(t, 1e-3)],
+         "the generator in Python", 1e-9),
+    Case("lossy_sample_hold", "part.y", kept_samples, "the generator in Python"),
+    Case("on_delay", "part.y", lambda t: 1.0*((np.mod(t - 0.1, 0.5) > 0.2 - 1e-9) & (np.mod(t - 0.1, 0.5) < 0.3 - 1e-9)
+                                              & (t > 0.1)), "timing diagram"),
+    Case("timer", "part.y", lambda t: np.where((t > 0.1) & (np.mod(t - 0.1, 0.5) < 0.3 - 1e-9), np.mod(t - 0.1, 0.5), 0),
+         "timing diagram", 1e-9),
+    Case("flip_flop", "part.y", lambda t: 1.0*((t > 0.2 - 1e-9) & (t < 0.7 - 1e-9)), "timing diagram"),
+    Case("counter", "part.y", lambda t: np.floor((t + 0.1)/0.2 + 1e-9) - np.where(t > 0.65 - 1e-9, 3, 0), "timing diagram"),
+    Case("edge_detector", "part.y", lambda t: 1.0*((t > 0.1 - 1e-9) & (np.mod(t - 0.1 + 1e-9, 0.4) < 0.05)),
+         "timing diagram"),
     Case("minimum", "part.y", lambda t: np.minimum(1, u(t)), LAW),
     Case("maximum", "part.y", lambda t: np.maximum(1, u(t)), LAW),
     Case("absolute", "part.y", lambda t: np.abs(u(t)), LAW),
