@@ -66,7 +66,7 @@ simulate: {until: 2 s, every: 10 ms}
 """
 # the same in the language: what is sampled at one instant is given out at the next; -0.02 kN/mm
 LIKE = RIG.replace("{is: controller.fmu, step: 40 ms, law_gain: -0.02, in_2: 1}", "{is: SampleHold, T_s: 40 ms}").replace(
-    "  pull: ", "  late:   {is: SampleHold, T_s: 40 ms, u: =-20 kN/m*controller.y}\n  pull: ").replace(
+    "  pull: ", "  late:   {is: UnitDelay, T_s: 40 ms, u: =-20 kN/m*controller.y}\n  pull: ").replace(
     "controller.position", "controller.u").replace("controller.force", "late.y")
 
 
@@ -91,6 +91,18 @@ def rig(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Monk
     make_fmu(tmp_path / "controller.fmu", FMI2 if request.param == "2.0" else FMI3)
     (tmp_path / "rig.yaml").write_text(RIG)
     return tmp_path
+
+
+@compiled
+def test_sampled_blocks_before_and_behind_an_fmu_add_no_sample(rig: Path) -> None:
+    """The FMU is given what a converter reads at the same instant, and a hold behind it passes its output at once."""
+    text = RIG.replace("  gauge: [where.y, controller.position]", "  gauge: [where.y, adc.u]\n  read: [adc.y, controller.position]")
+    text = text.replace("  pull: ", "  after: {is: SampleHold, T_s: 40 ms, u: =controller.force}\n"
+                        "  adc: {is: SampleHold, T_s: 40 ms}\n  pull: ")
+    run, plain = (hb.simulate(hb.loads(t), allow_fmu=True) for t in (text, RIG))
+    assert np.array_equal(run["after.y"], run["controller.force"])
+    # the same numbers, up to the rounding of another order of equations
+    assert run.display["force"] == pytest.approx(plain.display["force"], abs=1e-4)
 
 
 @compiled

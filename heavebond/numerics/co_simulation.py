@@ -87,14 +87,21 @@ class Partners:
                 for part in self.parts.values():
                     _close(part)
 
-    def exchange(self, values: Array, point: Point, fired: Sequence[int]) -> Array:
-        """The new values of all resets (n_r,) with those of the FMUs whose events happen at a point."""
-        values = values.copy()
-        for event in fired:
-            if event in self.parts:
-                part = self.parts[event]
-                values[list(part.rows)] = _exchanged(part, point)
-        return values
+    def outputs(self, point: Point, fired: Sequence[int]) -> dict[int, float]:
+        """The outputs, by the rows of the resets, of the FMUs whose events happen at a point, which each has reached."""
+        found: dict[int, float] = {}
+        for part in (self.parts[event] for event in fired if event in self.parts):
+            with _failing(part, point.t):
+                found.update(zip(part.rows, _reached(part, point), strict=True))
+        return found
+
+    def give_inputs(self, point: Point, fired: Sequence[int]) -> None:
+        """Set the inputs, for their next steps, of the FMUs whose events have happened, at the point after these."""
+        for part in (self.parts[event] for event in fired if event in self.parts):
+            with _failing(part, point.t):
+                inputs = np.array(part.given(*point.values())[0]).ravel()
+                for variable, value in zip(part.foreign.inputs, inputs, strict=True):
+                    _set(part.instance, variable, value)
 
 
 def _given(assembly: Assembly, path: str, foreign: Foreign) -> ca.Function:
@@ -160,23 +167,26 @@ def _close(part: _Partner) -> None:
     part.instance = None
 
 
-def _exchanged(part: _Partner, point: Point) -> Array:
-    """The outputs (n,) in SI at a communication point; what is given to the FMU there is set for its next step."""
-    inputs, parameters = (np.array(v).ravel() for v in part.given(*point.values()))
+@contextmanager
+def _failing(part: _Partner, time: float) -> Iterator[None]:
+    """SimulationError with the messages of an FMU where it fails."""
     try:
-        if np.isnan(part.reached):
-            _begin(part, point.t, inputs, parameters)
-        else:
-            part.instance.doStep(currentCommunicationPoint=part.reached, communicationStepSize=point.t - part.reached)
-        part.reached = point.t
-        outputs = np.array([_get(part.instance, v) for v in part.foreign.outputs])
-        for variable, value in zip(part.foreign.inputs, inputs, strict=True):
-            _set(part.instance, variable, value)
+        yield
     except Exception as error:
-        said = (str(error).splitlines() or [""])[0]
-        raise SimulationError([Problem("fmu-failed", f"{part.path} ({part.foreign.path.name}) failed at t = {point.t:.6g} s",
-                                       None, "", (*part.said[-5:], said))]) from error
-    return outputs
+        message = (str(error).splitlines() or [""])[0]
+        raise SimulationError([Problem("fmu-failed", f"{part.path} ({part.foreign.path.name}) failed at t = {time:.6g} s",
+                                       None, "", (*part.said[-5:], message))]) from error
+
+
+def _reached(part: _Partner, point: Point) -> list[float]:
+    """The outputs (n,) in SI at a communication point, to which the FMU is taken with the inputs of the last one."""
+    if np.isnan(part.reached):
+        inputs, parameters = (np.array(v).ravel() for v in part.given(*point.values()))
+        _begin(part, point.t, inputs, parameters)
+    else:
+        part.instance.doStep(currentCommunicationPoint=part.reached, communicationStepSize=point.t - part.reached)
+    part.reached = point.t
+    return [_get(part.instance, v) for v in part.foreign.outputs]
 
 
 def _begin(part: _Partner, time: float, inputs: Array, parameters: Array) -> None:

@@ -169,7 +169,7 @@ class EventIntegration:
             z = np.concatenate([z, (moved.z / assembly.z_nominal[:, None]).T.ravel()])
             dp = moved.p
         y = np.append(x, np.zeros(frame.made.dae["x"].numel() - len(x)))
-        now = EventState(frame, first.t, y, z, first.p, dp, frame.made.hoist(first.p, dp), np.zeros(0, bool))
+        now = EventState(frame, first.t, y, z, first.p, dp, frame.hoist(first.p, dp)["o0"], np.zeros(0, bool))
         return replace(now, true=self._true(now))
 
     def _true(self, now: EventState) -> NDArray[np.bool_]:

@@ -23,6 +23,7 @@ import numpy as np
 
 from heavebond.core.errors import Problem, SimulationError, listing
 from heavebond.core.presentation import readable
+from heavebond.equations.buffered import Buffered
 from heavebond.equations.flatten import EquationRole
 from heavebond.equations.lost_rank import losses
 from heavebond.equations.structural_messages import undecided
@@ -82,6 +83,7 @@ class EventEquations:
             ca.SX(0) if i is None or i.size is None else i.size for i in impulses))])
         self._forces = [None if i is None else i.force for i in impulses]
         self.breakaways = [(i, event.breakaway) for i, event in enumerate(self.events) if event.breakaway]
+        self._limits = {breakaway.limit for _, breakaway in self.breakaways}
         self._accelerations = ca.Function("accelerations", arguments, [assembly.express(stack(
             assembly.flat.levels[1][breakaway.speed] for _, breakaway in self.breakaways))])
         self._instants = ca.Function("instants", [p, direction], [
@@ -151,11 +153,18 @@ class EventEquations:
         updates = self._updates_at(point.p)
         happening = np.zeros(len(self.events))
         happening[list(fired)] = 1.0
+        # an FMU computes its outputs from the inputs of its last step: they are known before the other updates
+        outputs = self.partners.outputs(point, fired) if self.partners.parts else {}
+        for row, value in outputs.items():
+            if (held := self.held[row]) is not None:
+                point = replace(point, p=np.where(np.arange(len(point.p)) == held, value, point.p))
         for pair in updates.apart:
             if happening[list(pair)].all():
                 rows = [row for event in pair for row in self.rows[event]]
                 raise SimulationError([self.order.problem(rows)])
-        return np.array(updates.values(*point.values(), happening)).ravel()
+        values = np.asarray(updates.values(*point.values(), happening)["o0"]).ravel()
+        values[list(outputs)] = list(outputs.values())
+        return values
 
     def _new_along(self, point: Point, after: Array, moved: PointSensitivity, x_rate: Array, fired: Sequence[int],
                    delays: Sequence[Array]) -> Array:
@@ -283,11 +292,13 @@ class EventEquations:
         one moves against its force, the load has turned since that reached its limit: all of them stick again and share the
         load anew. This is the plastic limit analysis of W. Prager, P. G. Hodge, Theory of Perfectly Plastic Solids, 1951.
         """
+        if len(self._limits) <= 1:
+            return point, list(fired)
         p = point.p.copy()
         tried = {b.limit: (k, i, b) for k, (i, b) in enumerate(self.breakaways) if i in fired or p[b.limit] == b.direction}
         rest = [i for i in fired if all(i != event for event, _ in self.breakaways)]
-        limits = {b.limit for _, b in self.breakaways}
-        if not tried or len(limits) == 1:
+        limits = self._limits
+        if not tried:
             return point, list(fired)
 
         def change(loose: bool) -> Array:
@@ -323,17 +334,13 @@ class EventEquations:
         begun = point
         point, yielded = self.yielding(point, fired, touch)
         values, now = self._new_values(point, fired), point
-        values = self.partners.exchange(values, point, fired)
         if not moved.x.shape[1]:
-            for event in fired:
-                now = self._set(now, values, event)
-            return self.settled(now, fired), moved, yielded
+            after = self.settled(self._set(now, values, *fired), fired)
+            self.partners.give_inputs(after, fired)
+            return after, moved, yielded
         x, q, p = moved.x.copy(), moved.q.copy(), moved.p.copy()
         x_rate, _ = before = self.rates(begun, factors)
-        after_all = point
-        for event in fired:
-            after_all = self._set(after_all, values, event)
-        new = self._new_along(point, after_all.p, moved, x_rate, fired, delays)
+        new = self._new_along(point, self._set(point, values, *fired).p, moved, x_rate, fired, delays)
         for event, delay in zip(fired, delays, strict=True):
             now = self.settled(self._set(now, values, event), fired)
             after = self.rates(now, factors)
@@ -355,9 +362,9 @@ class EventEquations:
         moved = np.any(np.abs(after.x - point.x) > EVENTS.continuous * sizes)
         return bool(moved or not np.allclose(after.p, point.p, EVENTS.continuous, 0.0))
 
-    def _set(self, point: Point, values: Array, event: int) -> Point:
+    def _set(self, point: Point, values: Array, *events: int) -> Point:
         x, p = point.x.copy(), point.p.copy()
-        for row in self.rows[event]:
+        for row in (row for event in events for row in self.rows[event]):
             state, held = self.states[row], self.held[row]
             if state is not None:
                 x[state] = values[row]
@@ -373,7 +380,7 @@ class _CompiledUpdates:
     def __init__(self, assembly: Assembly, updates: Updates):
         self.ranks, self.apart = updates.ranks, updates.apart
         t, x, z, p, u, _ = arguments = list(assembly.arguments)
-        self.values = ca.Function("updates", [*arguments, updates.fired], [ca.densify(updates.values)])
+        self.values = Buffered(ca.Function("updates", [*arguments, updates.fired], [ca.densify(updates.values)]))
         moving = [t, x, z, p, u, updates.after]
         directions = [ca.SX.sym("d", a.numel()) for a in moving]
         along = list(directions)

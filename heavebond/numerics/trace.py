@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, Assembly, Integrand
 from heavebond.numerics.dynamic_state_selection import StateChoice
@@ -105,6 +107,11 @@ class Frame:
     loops: ca.Function | None
     integrators: dict[tuple[str, int, bool, float], Integrator] = field(default_factory=dict)
 
+    @cached_property
+    def hoist(self) -> Buffered:
+        """The integrand's parameters of (p, directions)."""
+        return Buffered(self.made.hoist)
+
     @property
     def assembly(self) -> Assembly:
         """The assembly of this choice of states."""
@@ -137,7 +144,7 @@ class EventState:
     z: Array
     p: Array
     dp: Array
-    given: ca.DM
+    given: Array
     true: NDArray[np.bool_]
 
     @property
@@ -163,7 +170,7 @@ class EventState:
             if moved.q.size:
                 y[len(y) - moved.q.size:] = moved.q.T.ravel()
             z = np.append(z, (self.frame.equations.along_z(point, moved) / z_size[:, None]).T.ravel())
-        return replace(self, y=y, z=z, p=point.p, dp=moved.p, given=self.frame.made.hoist(point.p, moved.p))
+        return replace(self, y=y, z=z, p=point.p, dp=moved.p, given=self.frame.hoist(point.p, moved.p)["o0"])
 
 
 class Record:
@@ -211,6 +218,8 @@ class Record:
     def write_stops(self, now: EventState, times: Array, y: Array, z: Array) -> None:
         """Record the points at times (n,), with y and z (., n), that are stops; none of them is kept as a point between."""
         stop = np.searchsorted(self.stops, times - self.same)
+        if len(times) == 1 and not abs(self.stops[min(stop[0], len(self.stops) - 1)] - times[0]) <= self.same:
+            return
         which = np.flatnonzero(np.abs(self.stops.take(stop, mode="clip") - times) <= self.same)
         at = stop[which]
         number = self._number(now.frame)
