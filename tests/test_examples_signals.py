@@ -207,7 +207,8 @@ CASES = [
         sampled(t, 0.05) - sampled(np.maximum(t - 0.05, 0), 0.05))/0.05)*(t - 0.05*sample_number(t, 0.05)), LAW),
     Case("enabled_sample_hold", "part.y", lambda t: np.where(t < 0.3 - 1e-9, 0, sampled(np.minimum(t, 0.58), 0.02)), LAW),
     # the trigger rises through 0.5 at a quarter of each period
-    Case("triggered_sample_hold", "part.y", lambda t: 4*np.maximum(0.05 + 0.2*np.floor((t - 0.05)/0.2 + 1e-9), 0), LAW, 1e-9),
+    Case("triggered_sample_hold", "part.y", lambda t: 4*np.maximum(0.05 + 0.2*np.floor((t - 0.05)/0.2 + 1e-9), 0), LAW,
+         1e-9),
     Case("discrete_transfer_function", "part.y", filtered, "SciPy's lfilter", 1e-12),
     Case("discrete_state_space", "outputs[1]", lambda t: 3*(0.1*sample_number(t, 0.1))**2/2, "a parabola at the samples"),
     Case("discrete_pid", "part.y", discrete_pid, "the algorithm in Python", 1e-12),

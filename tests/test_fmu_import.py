@@ -96,7 +96,8 @@ def rig(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Monk
 @compiled
 def test_sampled_blocks_before_and_behind_an_fmu_add_no_sample(rig: Path) -> None:
     """The FMU is given what a converter reads at the same instant, and a hold behind it passes its output at once."""
-    text = RIG.replace("  gauge: [where.y, controller.position]", "  gauge: [where.y, adc.u]\n  read: [adc.y, controller.position]")
+    text = RIG.replace("  gauge: [where.y, controller.position]",
+                       "  gauge: [where.y, adc.u]\n  read: [adc.y, controller.position]")
     text = text.replace("  pull: ", "  after: {is: SampleHold, T_s: 40 ms, u: =controller.force}\n"
                         "  adc: {is: SampleHold, T_s: 40 ms}\n  pull: ")
     run, plain = (hb.simulate(hb.loads(t), allow_fmu=True) for t in (text, RIG))

@@ -7,17 +7,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from test_clocks import diagram
 
 import heavebond as hb
 from heavebond.numerics.dae import assemble
 from heavebond.numerics.simulator import Simulator
+from heavebond.reports.summary import summary
 
 COMPONENT = """
 component: Chain
 summary: A chain of delays.
 ports: {u: {signal: in, unit: 1, doc: input}, y: {signal: out, unit: 1, doc: output}}
-parameters: {T_s: {unit: s, min: 1e-9 s, doc: period}, n: {integer, min: 2, doc: number}, c: {unit: 1, count: n, doc: weights}}
+parameters:
+  T_s: {unit: s, min: 1e-9 s, doc: period}
+  n: {integer, min: 2, doc: number}
+  c: {unit: 1, count: n, doc: weights}
 variables: {x: {unit: 1, count: n, held: 0, doc: states}}
 equations: |
   y = sum(x)   # output
@@ -26,7 +31,7 @@ when:
 """
 
 
-def number(run: hb.Result, period: float) -> np.ndarray:
+def number(run: hb.Result, period: float) -> NDArray[np.int_]:
     """The number of the last sample at each time."""
     return np.floor(run.time / period + 1e-9).astype(int)
 
@@ -93,8 +98,8 @@ def test_the_change_to_automatic_operation_is_without_a_bump_and_the_limit_does_
 
 
 def test_noise_is_gaussian_white_and_differs_by_its_seed() -> None:
-    text = diagram({"a": "{is: WhiteNoise, sigma: 2, T_s: 1 ms, seed: 1}", "b": "{is: WhiteNoise, sigma: 2, T_s: 1 ms, seed: 2}"})
-    run = hb.simulate(hb.loads(text), until=4.0, every=1e-3)
+    parts = {name: f"{{is: WhiteNoise, sigma: 2, T_s: 1 ms, seed: {seed}}}" for name, seed in (("a", 1), ("b", 2))}
+    run = hb.simulate(hb.loads(diagram(parts)), until=4.0, every=1e-3)
     a, b = run["a.y"], run["b.y"]
     n = len(a)
     # five standard errors of each estimate over 4001 numbers
@@ -108,6 +113,9 @@ def test_noise_is_gaussian_white_and_differs_by_its_seed() -> None:
 
 def test_the_servo_drive_follows_its_target_at_three_rates() -> None:
     model = hb.load("servo_drive")
+    assert summary(assemble(model), None).sampled == (
+        "every 125 us: converter, current_pi, computing", "every 500 us: encoder, change, speed, speed_pi",
+        "every 2 ms: position")
     run = hb.simulate(model, until=0.16)
     counts = {name: sum(1 for _, event in run.events if event == f"{name}.sample")
               for name in ("current_pi", "speed_pi", "position")}

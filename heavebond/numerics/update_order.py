@@ -37,9 +37,10 @@ class Updates:
     """The new values of all resets, in the order of the events.
 
     `values` (n_r,) are formulas of the arguments of the assembly and of `fired` (n_e,), 1 for each event that happens.
-    `direct` (n_r,) are the same in terms of the arguments and of `after` (n_p,), the parameters and held variables after the
-    instant; the resets of `ranks[k]` read in `after` what those of lower ranks assign. `apart` are pairs of events that must
-    not happen at the same instant, as their updates read each other.
+    `direct` (n_r,) are the same values as formulas of the arguments and of `after` (n_p,), the parameters and held variables
+    after the instant; the resets of `ranks[k]` depend on `after` only by resets of lower ranks. `apart` are pairs of events
+    that must not happen at the same instant, because their updates read each other. `sequence` are the events in the order
+    in which the last of their resets is computed.
     """
 
     fired: ca.SX
@@ -48,11 +49,13 @@ class Updates:
     direct: ca.SX
     ranks: tuple[tuple[int, ...], ...]
     apart: frozenset[tuple[int, int]]
+    sequence: tuple[int, ...]
 
 
 class UpdateOrder:
-    """The updates of an assembly. If a loop of updates is open because a parameter is 0, as the direct feedthrough of a
-    discrete transfer function, the order depends on which of the parameters `zeros` (indices) are 0."""
+    """The updates of an assembly for given parameters. A parameter of 0, such as the direct feedthrough of a discrete
+    transfer function, may open a loop of updates. The order therefore depends on which of the parameters `zeros`
+    (indices) are 0."""
 
     def __init__(self, reduced: Reduced, express: Callable[[ca.SX], ca.SX]):
         """`express` puts raw symbols in terms of the arguments of the assembly."""
@@ -70,6 +73,10 @@ class UpdateOrder:
         if key not in self._made:
             self._made[key] = self._graph.updates([k for k, none in zip(self.zeros, zero.tolist(), strict=True) if none], p)
         return self._made[key]
+
+    def instants(self, p: Array) -> tuple[Array, Array]:
+        """First instant and period (n_e,) of every event, 0 for what has none."""
+        return self._graph.instants(p)
 
     def problem(self, rows: Sequence[int]) -> Problem:
         """The problem of updates that read each other at one instant."""
@@ -101,8 +108,8 @@ class _Graph:
         self.direct = split(ca.substitute(column, known, express(known)))
 
     def _along_signals(self, values: Sequence[ca.SX], rows: Sequence[int]) -> list[ca.SX]:
-        """New values (raw) with the signals in them traced back to held variables: those of the own component are
-        parameters p, those of others are `after`. Other unknowns remain."""
+        """New values (raw) with their signals traced back to held variables: `after` for the held variables of other
+        components, p for those of the same component. Physical unknowns remain."""
         reduced, flat = self.reduced, self.reduced.flat
         owners, signals = _traced(reduced)
         held, before = stack(flat.p[k] for k in self.setters), stack(ca.SX.sym("before") for _ in self.setters)
@@ -110,17 +117,17 @@ class _Graph:
         for n, row in enumerate(rows):
             own.setdefault(self.events[self.owner[row]].name.rpartition(".")[0], []).append(n)
         found = list(values)
-        for path, which in own.items():
+        for path, places_of in own.items():
             inner = {h: value for h, value in signals.items() if owners[h] == path}
-            column = _substituted(stack(values[n] for n in which), inner)
-            mine = [k for k, held_row in enumerate(self.setters) if self._component(held_row) == path]
+            column = _substituted(stack(values[n] for n in places_of), inner)
+            mine = [k for k, index in enumerate(self.setters) if self._component(index) == path]
             column = ca.substitute(column, held[mine], before[mine]) if mine else column
-            for n, value in zip(which, split(column), strict=True):
+            for n, value in zip(places_of, split(column), strict=True):
                 found[n] = value
         column = _substituted(stack(found), signals)
         column = ca.substitute(column, held, stack(self.after[k] for k in self.setters))
         found = split(ca.substitute(column, before, held))
-        for n, row in enumerate(rows):  # what an update itself assigns it reads as it was
+        for n, row in enumerate(rows):  # an update reads the variable that it assigns as it was
             k = self.held[row]
             if k is not None:
                 found[n] = ca.substitute(found[n], self.after[k], flat.p[k])
@@ -151,7 +158,7 @@ class _Graph:
         if self.loops(needs):
             needs = self.needs(zeros)
         read, apart = [set(n) for n in needs], set[tuple[int, int]]()
-        first, period = self._instants(p)
+        first, period = self.instants(p)
         for loop in self.loops(needs):
             for row in loop:
                 for other in needs[row] & set(loop):
@@ -164,7 +171,7 @@ class _Graph:
             raise ModelError([self.problem(loop) for loop in left])
         return self._written_out(read, frozenset(apart))
 
-    def _instants(self, p: Array) -> tuple[Array, Array]:
+    def instants(self, p: Array) -> tuple[Array, Array]:
         found = ca.Function("instants", [self.p], [
             self.express(stack(e.first for e in self.events)),
             self.express(stack(ca.SX(0) if e.period is None else e.period for e in self.events))])(p)
@@ -173,10 +180,10 @@ class _Graph:
 
     def _written_out(self, read: Sequence[Set[int]], apart: frozenset[tuple[int, int]]) -> Updates:
         """The updates in ranks, and each with those that it reads written into it."""
-        fired, direct = ca.SX.sym("fired", len(self.events)), list(self.direct)
-        for row, setters in enumerate(read):  # what is read as before the instant, to open a loop
-            others = {k for k, rows in self.setters.items() if not set(rows) & setters}
-            used = [k for s in ca.symvar(direct[row]) if (k := places(self.after).get(s.element_hash(), -1)) in others]
+        fired, direct, place = ca.SX.sym("fired", len(self.events)), list(self.direct), places(self.after)
+        for row, setters in enumerate(read):  # a held variable whose new value is not needed is read as it was
+            used = [k for s in ca.symvar(direct[row]) if (k := place.get(s.element_hash())) is not None
+                    and not setters & {*self.setters[k]}]
             if used:
                 direct[row] = ca.substitute(direct[row], self.after[used], self.p[used])
         ranks = _ranks(read)
@@ -189,7 +196,9 @@ class _Graph:
                 values[row] = value
                 if (k := self.held[row]) in now:
                     now[k] = ca.if_else(fired[self.owner[row]], value, now[k])
-        return Updates(fired, stack(values), self.after, stack(direct), ranks, apart)
+        last = {self.owner[row]: k for k, rank in enumerate(ranks) for row in rank}
+        sequence = tuple(sorted(last, key=last.__getitem__))
+        return Updates(fired, stack(values), self.after, stack(direct), ranks, apart, sequence)
 
     def problem(self, loop: Sequence[int]) -> Problem:
         """The problem of a loop of updates (rows)."""
@@ -197,15 +206,15 @@ class _Graph:
         parts = list(dict.fromkeys(self.events[self.owner[row]].name.rpartition(".")[0] for row in loop))
         names = listing([reset.name for event in flat.events for reset in event.resets
                          if event.name.rpartition(".")[0] in parts], 6)
-        return Problem("sampled-loop", f"the sampled parts {either(parts)} form an algebraic loop: at one instant each reads "
-                       "the value that another assigns", flat.expanded.leaves[parts[0]].place, HINT,
+        return Problem("sampled-loop", f"the sampled parts {either(parts)} form an algebraic loop: at one instant each "
+                       "reads the value that another assigns", flat.expanded.leaves[parts[0]].place, HINT,
                        (f"held variables: {names}",))
 
 
 def _traced(reduced: Reduced) -> tuple[dict[int, str], dict[int, tuple[ca.SX, ca.SX]]]:
-    """The signals that are traced: for the hash of each symbol the component in whose equation it was solved for (empty for a
-    formula of the diagram), and the symbol with its definition (raw). Variables of components with ports that exchange power
-    are not traced, except for signals that follow from signals and held variables alone."""
+    """The component whose equation defines each signal (empty for a formula of the diagram), and the symbol of the signal
+    with its definition (raw), both by the hash of the symbol. Variables of components that exchange power are left out,
+    except for signals that follow from signals and held variables alone."""
     flat = reduced.flat
     leaves, owners, found = flat.expanded.leaves, dict[int, str](), dict[int, tuple[ca.SX, ca.SX]]()
     roles = {s.element_hash(): flat.unknowns[j].role for level in flat.levels for j, s in enumerate(level)}

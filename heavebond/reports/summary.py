@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from heavebond.core.errors import listing
-from heavebond.core.presentation import columns, count, path_text, readable
+from heavebond.core.presentation import columns, count, path_text, readable, readable_time
 from heavebond.equations.expanded import Medium
 from heavebond.equations.flatten import EquationRole, Flat, FlatEquation
 from heavebond.equations.grounding import Circuit, circuits
@@ -86,6 +86,7 @@ class Summary:
     solved: tuple[StartLine, ...]
     placeholders: tuple[str, ...] = ()
     sheets: tuple[str, ...] = ()
+    sampled: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """Everything, for machines; values in SI."""
@@ -114,6 +115,7 @@ class Summary:
             rows.append(("measured", ", ".join(self.inputs)))
         if self.events:
             rows.append(("events", f"{len(self.events)}: {listing(self.events, SHOWN_NAMES)}"))
+        rows += [("sampled", words) for words in self.sampled]
         return [f"Diagram {self.model}", *columns(rows, width)]
 
     def _circuits(self, width: int) -> list[str]:
@@ -184,7 +186,21 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
         start=tuple(_tidy(line, sizes.get(line.name, 0.0)) for line in table if line.name not in asked),
         solved=tuple(line for line in table if line.name in asked),
         placeholders=tuple(f"{path}: {leaf.component.placeholder}" for path, leaf in expanded.leaves.items()
-                           if leaf.component.placeholder))
+                           if leaf.component.placeholder), sampled=_sampled(assembly))
+
+
+def _sampled(assembly: Assembly) -> tuple[str, ...]:
+    """The rates of sampled parts, each with its parts in the order of evaluation; none for a single part."""
+    events, order = assembly.flat.events, assembly.update_order
+    first, period = order.instants(assembly.p)
+    clocks: dict[tuple[float, float], list[str]] = {}
+    for e in order.at(assembly.p).sequence:
+        if events[e].period is not None:
+            clocks.setdefault((float(period[e]), float(first[e])), []).append(events[e].name.rpartition(".")[0])
+    if len({part for parts in clocks.values() for part in parts}) < 2:
+        return ()
+    return tuple(f"every {readable_time(every)[0]}{f' from {readable_time(begin)[0]}' if begin else ''}: "
+                 f"{listing(dict.fromkeys(parts), SHOWN_NAMES)}" for (every, begin), parts in sorted(clocks.items()))
 
 
 def _charts(assembly: Assembly) -> tuple[OpenChoice, ...]:
