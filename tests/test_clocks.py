@@ -151,6 +151,11 @@ def test_a_step_at_a_sampling_instant_is_sampled() -> None:
     assert run["h.y"] == pytest.approx(np.where(run.time > 0.5 - 1e-9, 1.0, 0.0))
 
 
+def test_a_formula_of_the_time_at_an_input_switches_before_the_sample_of_its_instant() -> None:
+    run = hb.simulate(hb.loads(diagram({"h": "{is: SampleHold, T_s: 0.1 s, u: '=if_else(time < 0.5 s, 0, 1)'}"})))
+    assert run["h.y"] == pytest.approx(np.where(run.time > 0.5 - 1e-9, 1.0, 0.0))
+
+
 @pytest.mark.parametrize("version", [2, 3])
 def test_an_fmu_updates_sampled_blocks_in_the_order_of_the_run(version: int, tmp_path: Path) -> None:
     fmpy = pytest.importorskip("fmpy")

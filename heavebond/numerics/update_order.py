@@ -99,8 +99,7 @@ class _Graph:
                 self.setters.setdefault(held, []).append(row)
         self.p, self.after = flat.p, ca.SX.sym("after", flat.p.numel())
         raw = [reset.value for reset in resets]
-        components = {flat.events[self.owner[row]].name.rpartition(".")[0] for row in timed}
-        if len(components) > 1:
+        if len({self._part(row) for row in timed}) > 1:
             for row, value in zip(timed, self._along_signals([raw[row] for row in timed], timed), strict=True):
                 raw[row] = value
         column, later = stack(raw), places(self.after)
@@ -115,12 +114,12 @@ class _Graph:
         held, before = stack(flat.p[k] for k in self.setters), stack(ca.SX.sym("before") for _ in self.setters)
         own: dict[str, list[int]] = {}
         for n, row in enumerate(rows):
-            own.setdefault(self.events[self.owner[row]].name.rpartition(".")[0], []).append(n)
+            own.setdefault(self._part(row), []).append(n)
         found = list(values)
         for path, places_of in own.items():
             inner = {h: value for h, value in signals.items() if owners[h] == path}
             column = _substituted(stack(values[n] for n in places_of), inner)
-            mine = [k for k, index in enumerate(self.setters) if self._component(index) == path]
+            mine = [k for k, setters in enumerate(self.setters.values()) if path and self._part(setters[0]) == path]
             column = ca.substitute(column, held[mine], before[mine]) if mine else column
             for n, value in zip(places_of, split(column), strict=True):
                 found[n] = value
@@ -133,9 +132,10 @@ class _Graph:
                 found[n] = ca.substitute(found[n], self.after[k], flat.p[k])
         return found
 
-    def _component(self, held: int) -> str:
-        """The path of the component of a held variable."""
-        return self.events[self.owner[self.setters[held][0]]].name.rpartition(".")[0]
+    def _part(self, row: int) -> str:
+        """The path of the component whose `when:` has a reset; empty for a comparison of the time in an equation."""
+        event = self.events[self.owner[row]]
+        return "" if event.by_clock else event.name.rpartition(".")[0]
 
     def needs(self, zeros: Sequence[int]) -> list[Set[int]]:
         """The rows that each row reads, if the parameters `zeros` are 0."""
