@@ -99,7 +99,7 @@ class _Graph:
                 self.setters.setdefault(held, []).append(row)
         self.p, self.after = flat.p, ca.SX.sym("after", flat.p.numel())
         raw = [reset.value for reset in resets]
-        if len({self._part(row) for row in timed}) > 1:
+        if len(timed) > 1:
             for row, value in zip(timed, self._along_signals([raw[row] for row in timed], timed), strict=True):
                 raw[row] = value
         column, later = stack(raw), places(self.after)
