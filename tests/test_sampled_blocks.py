@@ -79,7 +79,7 @@ def test_a_held_list_is_assigned_as_a_whole(tmp_path: Path) -> None:
         # x[k + 1] = x[k]/2 + c from 0 for eleven samples: 2 c (1 - 2^-11)
         expected = expected * (1 - 2.0**-11) if "x" in value else expected
         assert hb.simulate(hb.load(tmp_path / "m.yaml"))["c.y"][-1] == pytest.approx(expected, rel=1e-12)
-    for value in ("c[1..2]", "u"):
+    for value in ('"c[1..2]"', "u"):
         (tmp_path / "components" / "chain.yaml").write_text(COMPONENT.replace("VALUE", value))
         with pytest.raises(hb.ModelError) as caught:
             hb.simulate(hb.load(tmp_path / "m.yaml"))
