@@ -335,9 +335,9 @@ class EventEquations:
         point, yielded = self.yielding(point, fired, touch)
         values, now = self._new_values(point, fired), point
         if not moved.x.shape[1]:
-            after = self.settled(self._set(now, values, *fired), fired)
-            self.partners.give_inputs(after, fired)
-            return after, moved, yielded
+            now = self.settled(self._set(now, values, *fired), fired)
+            self.partners.give_inputs(now, fired)
+            return now, moved, yielded
         x, q, p = moved.x.copy(), moved.q.copy(), moved.p.copy()
         x_rate, _ = before = self.rates(begun, factors)
         new = self._new_along(point, self._set(point, values, *fired).p, moved, x_rate, fired, delays)
