@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_c_events import agree
+from test_export import compiled
 
 import heavebond as hb
 
@@ -170,3 +172,9 @@ def test_an_fmu_updates_sampled_blocks_in_the_order_of_the_run(version: int, tmp
     for name in ("s", "e"):
         # two integrators, and held values that carry their errors of some 1e-9
         assert found[name][last] == pytest.approx(run.display[name], abs=1e-6), name
+
+
+@compiled
+def test_a_c_program_updates_sampled_blocks_in_the_order_of_the_run(tmp_path: Path) -> None:
+    show = "show: {s: {is: s.y, unit: 1}, e: {is: e.y, unit: 1}}"
+    agree(hb.loads(diagram(CHAIN, ("e", "s", "f", "r", "g", "a"), show)), tmp_path)
