@@ -297,7 +297,7 @@ def _refined(of: Transfer, marks: Array, function: Callable[[Array], Array], mor
 
     nodes = _nodes(of, marks, more[more > 0])
     values = function(nodes)
-    known = np.isfinite(values)
+    known = np.isfinite(values) & (values != 0)  # a node that is a crossing itself lies between two others
     nodes, values = nodes[known], values[known]
     walls, found = _on_axis(of), []
     for k in np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0).tolist():
