@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from heavebond.core.errors import Place, Problem, UsageError, listing
 from heavebond.core.presentation import readable
-from heavebond.equations.events import FlatEvent
+from heavebond.equations.events import FlatEvent, FlatReset
 from heavebond.equations.matching import maximum_matching
-from heavebond.language.symbols import places, stack
+from heavebond.language.symbols import places, split, stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.jumps import EventEquations, PointSensitivity
@@ -40,6 +40,8 @@ class HeldVariableConstants:
 
     threshold: change of all states, over their nominal sizes, by which a condition at zero would turn. Origin: errors of a
         start. Doubled: nothing.
+    jump: change of a sampled value with such a change of the states, over that by its slopes, from which on it jumps.
+        Origin: a kink changes slopes by less. Doubled: nothing.
     instants: times at which a condition of the time is evaluated over a run. Origin: a period has some. Doubled: shorter
         openings of a condition are seen.
     grows: eigenvalue of samples that follow each other without a state between, above which they grow. Origin: rounding of
@@ -47,11 +49,14 @@ class HeldVariableConstants:
     """
 
     threshold: float = 1e-9
+    jump: float = 1e4
     instants: int = 400
     grows: float = 1.0 + 1e-9
 
 
 HELD = HeldVariableConstants()
+# operations whose value is constant but for jumps: those of a quantiser
+STEPPED = (ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD, ca.OP_REMAINDER)
 
 
 @dataclass(frozen=True)
@@ -61,7 +66,8 @@ class HeldVariable:
     `part` is the path of its component, `place` the line of the part. `sampled` is set if the events that change it happen
     whatever the motion, `in_loop` if its value acts on itself through the machine, `at_threshold` if the smallest motion
     would change it, `acts` if an equation contains it (not conditions of events alone), `varying` if it is sampled and the
-    linear system is another with another value. `inputs` of the linear system act on it, and it acts on `outputs`.
+    linear system is another with another value. `inputs` of the linear system act on it, and it acts on `outputs`. It is
+    `exact` if a sampled system contains its samples (see `sampled`), of the `period` in s; it is not constant there.
     """
 
     name: str
@@ -79,6 +85,8 @@ class HeldVariable:
     outputs: tuple[str, ...] = ()
     state: bool = False
     varying: bool = False
+    exact: bool = False
+    period: float | None = None
 
     @property
     def undecided(self) -> bool:
@@ -109,6 +117,8 @@ class HeldVariable:
     @property
     def treatment(self) -> str:
         """How the linear system treats it."""
+        if self.period is not None:
+            return f"sampled every {readable(self.period, 's')}, as in a run"
         doc = f" ({self.doc})" if self.doc else ""
         return f"held constant at {readable(self.value, self.unit)}{doc}: {self.why}"
 
@@ -138,6 +148,16 @@ def held_lines(held: Sequence[HeldVariable]) -> list[str]:
         lines.append(f"held constant: {values}; {f'{h.component}, ' if h.component else ''}{h.place.file}:{h.place.line}, "
                      f"{'in a loop' if h.in_loop else 'outside of every loop'}: {h.why}")
     return lines
+
+
+def sampled_lines(sampled: Sequence[HeldVariable]) -> list[str]:
+    """A line that names the variables that samples set in a sampled system, with their parts and periods."""
+    parts: dict[tuple[str, float | None], list[HeldVariable]] = {}
+    for h in sampled:
+        parts.setdefault((h.part, h.period), []).append(h)
+    named = [f"{', '.join(h.name for h in group)} ({group[0].component}, {group[0].place.file}:{group[0].place.line}, "
+             f"every {readable(period or 0.0, 's')})" for (_, period), group in parts.items()]
+    return [f"sampled: {listing(named, 8)}"] if named else []
 
 
 def with_held(title: str, held: Iterable[HeldVariable]) -> str:
@@ -214,6 +234,8 @@ class HeldStructure:
                 self._setters.setdefault(node, []).append(i)
                 edges += [(source, node) for source in {*impulse[i], *indicator[i]}]
         self.edges, self._indicator = edges, indicator
+        self._slopes: tuple[list[bool], ca.Function, ca.Function] | None = None
+        self._parameters, self._driven = list(parameters.values()), [k for many in driven.values() for k in many]
         self._values = ca.Function("values", list(assembly.arguments),
                                    [parts[4], ca.jacobian(parts[4], assembly.arguments[1])])
 
@@ -265,20 +287,26 @@ class HeldStructure:
     @cached_property
     def _direct(self) -> list[set[int]]:
         """What the condition of each event contains, through algebraic unknowns but not through states."""
+        return [self._closure(row) for row in self._indicator]
+
+    def _closure(self, row: set[int]) -> set[int]:
+        """What a formula contains, through algebraic unknowns but not through states."""
+        seen, waiting = set[int](), list(row)
+        while waiting:
+            node = waiting.pop()
+            if node not in seen:
+                seen.add(node)
+                waiting += self._by_target.get(node, ())
+        return seen
+
+    @cached_property
+    def _by_target(self) -> dict[int, set[int]]:
+        """What the equation of each algebraic unknown contains."""
         by_target: dict[int, set[int]] = {}
         for source, target in self.edges:
             if self.n_x <= target < self.first_held:
                 by_target.setdefault(target, set()).add(source)
-        found = []
-        for row in self._indicator:
-            seen, waiting = set[int](), list(row)
-            while waiting:
-                node = waiting.pop()
-                if node not in seen:
-                    seen.add(node)
-                    waiting += by_target.get(node, ())
-            found.append(seen)
-        return found
+        return by_target
 
     def _recurring(self, point: Point) -> list[bool]:
         """Whether each event happens again and again whatever the motion: by its period, or by a condition of the time and
@@ -314,7 +342,8 @@ class HeldStructure:
         acting = {source for source, target in self.edges
                   if target < self.first_held or self.first_output <= target < self.clock}
         looped = set(groups[:self.n_x].tolist()) | self._growing(point, recurring)
-        found = []
+        smooth = self._smooth(point)
+        found = list[HeldVariable]()
         for k, held in enumerate(flat.held):
             node = self.first_held + k
             setters = self._setters.get(node, [])
@@ -327,6 +356,7 @@ class HeldStructure:
                 float(point.p[held.index]), held.unit.text, held.doc, sampled,
                 groups[node] in looped, any(threshold[i] for i in setters),
                 node in acting, *self._paths(node, reached, seen), varying=sampled and self._changes(held.index)))
+            found[-1] = self._with_exact(found[-1], setters, recurring, smooth)
         numbers = {column: k for k, column in enumerate(assembly.reduced.states)}
         for k, (i, reset) in enumerate(self.resets):
             if not recurring[i] or reset.unknown is None:
@@ -337,7 +367,57 @@ class HeldStructure:
                 reset.name, path, leaf.component.name if leaf else "", leaf.place if leaf else reset.place,
                 float(point.x[numbers[(reset.unknown, 0)]]), flat.unknowns[reset.unknown].unit.text, "", True,
                 groups[node] in looped, False, True, *self._paths(node, reached, seen), state=True))
+            found[-1] = self._with_exact(found[-1], self._setters[node], recurring, smooth)
         return tuple(sorted(found, key=lambda h: (not h.undecided, not h.in_loop)))
+
+    def _with_exact(self, held: HeldVariable, setters: Sequence[int], recurring: Sequence[bool], smooth: Mapping[int, bool]
+                    ) -> HeldVariable:
+        """The variable, `exact` if all that sets it again and again are samples at regular times with smooth values."""
+        rows = [row for row, (i, reset) in enumerate(self.updates) if recurring[i] and reset.name == held.name
+                and self.events[i].period is not None]
+        exact = held.sampled and not held.at_threshold and (held.in_loop or held.between) and bool(rows) \
+            and all(self.events[i].period is not None for i in setters if recurring[i]) and all(smooth[row] for row in rows)
+        return replace(held, exact=exact)
+
+    def _smooth(self, point: Point) -> dict[int, bool]:
+        """Whether the value of each update at regular times changes with states, held variables or inputs, is not rounded to
+        steps, and does not jump near the point."""
+        rows = [row for row, (i, _) in enumerate(self.updates) if self.events[i].period is not None]
+        if not rows:
+            return {}
+        stepped, values, slopes = self._update_slopes(rows)
+        by = np.abs(np.array(slopes(*point.values()).full()))
+        sign = np.where(np.arange(self.n_x) % 2, -1.0, 1.0)
+        jumps = np.zeros(len(stepped), dtype=bool)
+        for way in (np.ones(self.n_x), sign):
+            moved = HELD.threshold * self.assembly.x_nominal * way
+            ends = [np.array(values(*replace(point, x=point.x + end).values())).ravel() for end in (-moved, moved)]
+            jumps |= np.abs(ends[1] - ends[0]) > HELD.jump * (by[:, :self.n_x] @ np.abs(moved)) + \
+                HELD.threshold * np.abs(ends).max(axis=0)
+        return {row: bool(moves) and not steps and not jump
+                for row, moves, steps, jump in zip(rows, by.any(axis=1), stepped, jumps.tolist(), strict=True)}
+
+    @cached_property
+    def updates(self) -> list[tuple[int, FlatReset]]:
+        """Each event with each of its assignments."""
+        return [(i, reset) for i, event in enumerate(self.events) for reset in event.resets]
+
+    def _update_slopes(self, rows: Sequence[int]) -> tuple[list[bool], ca.Function, ca.Function]:
+        """Whether the new value of each of these updates is rounded to steps, the new values, and their derivatives by
+        states, algebraic unknowns, held variables and inputs."""
+        if self._slopes is not None:
+            return self._slopes
+        arguments = self.assembly.arguments
+        values = self.assembly.express(stack([self.updates[row][1].value for row in rows]))
+        stepped = []
+        for value in split(values):
+            function = ca.Function("value", [stack(ca.symvar(value))], [value])
+            stepped.append(any(function.instruction_id(k) in STEPPED for k in range(function.n_instructions())))
+        by = stack([arguments[1], arguments[2], *(arguments[3][k] for k in (*self._held_index, *self._parameters)),
+                    *(arguments[4][k] for k in self._driven)])
+        self._slopes = (stepped, ca.Function("values", list(arguments), [values]),
+                        ca.Function("slopes", list(arguments), [ca.densify(ca.jacobian(values, by))]))
+        return self._slopes
 
     def _paths(self, node: int, reached: Mapping[int, set[int]], seen: Mapping[int, set[int]]
                ) -> tuple[tuple[str, ...], tuple[str, ...]]:

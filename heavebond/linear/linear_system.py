@@ -7,12 +7,16 @@ An input w may enter with its derivatives (a position source passes its speed on
 With x = x~ + B_k w^(k-1), from the highest k down, x~' = A x~ + (B_(k-1) + A B_k) w^(k-1) + ..., y = C x~ + ... +
 (D_(k-1) + C B_k) w^(k-1), so that only w itself is left in x~'. Where D_1 or D_2 remain, the transfer function grows without
 bound with the frequency; it has a frequency response, but no state space of its own.
+
+With samples in a loop, or between inputs and outputs, the system is discretised exactly (see `sampled`): x[k+1] = A x[k] +
+B w[k], y[k] = C x[k] + D w[k], with inputs that are constant over the period T. All its properties follow from those of
+gamma = (z - 1)/T, G = C (gamma - Delta)^-1 B/T + D with Delta = (A - 1)/T, which at small T is s.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -30,6 +34,7 @@ from heavebond.linear.disturbance import inner_name
 from heavebond.linear.held_variables import HeldVariable, undecided_reasons
 from heavebond.linear.linearisation import Linear, Linearisation
 from heavebond.linear.operating_point import OperatingPoints
+from heavebond.linear.sampled import Hybrid, SampledLoop, discretised, equivalent
 from heavebond.linear.stability import Stability, eigenvalues, stability, with_zeros
 from heavebond.linear.zero_frequency import Leading, leading, with_zeros_at_zero
 from heavebond.numerics.dae import Array, Assembly
@@ -112,6 +117,11 @@ class StateSpace:
     constant in the linear system. The states are those of the machine, less what derivatives of the inputs add to them
     (see the module). Delayed variables have approximations without history in the matrices; with `exact` the responses
     have their factors exp(-s T).
+
+    With a `period` T in s it is a sampled system, x[k+1] = A x[k] + B w[k], with `delta` = (A - 1)/T: x is taken right
+    before the samples, y right after them; `sampled` are the variables that samples set, some of them states. An open loop
+    that is cut at a signal (`cut`) of several instants in a period has a column and a row for each of them. Delays of a
+    sampled system have approximations without history.
     """
 
     states: tuple[str, ...]
@@ -129,6 +139,11 @@ class StateSpace:
     rigid: tuple[bool, ...] = ()
     held: tuple[HeldVariable, ...] = ()
     exact: DelayedSystem | None = None
+    period: float | None = None
+    delta: Array | None = None
+    sampled: tuple[HeldVariable, ...] = ()
+    cut: SampledLoop | None = field(default=None, repr=False, compare=False)
+    hybrid: Hybrid | None = field(default=None, repr=False, compare=False)
 
     def __repr__(self) -> str:
         return brief(self, f"{listing(list(self.inputs), 4)} to {listing(list(self.outputs), 4)}",
@@ -141,8 +156,22 @@ class StateSpace:
 
     @cached_property
     def poles(self) -> Complex:
-        """The eigenvalues of a (1/s), zeros exact."""
-        return eigenvalues(self._scaled()[0])
+        """The eigenvalues of a in 1/s, zeros exact; of a sampled system z, without unit."""
+        return self._mapped(eigenvalues(self._scaled()[0]))
+
+    @property
+    def rates(self) -> Complex:
+        """The poles in 1/s; of a sampled system log(z)/T."""
+        return self.poles if self.period is None else equivalent(self.poles, self.period)
+
+    @property
+    def highest(self) -> float:
+        """The frequency in Hz up to which the response says all: the Nyquist frequency of a sampled system."""
+        return np.inf if self.period is None else (len(self.cut.times) if self.cut else 1) / (2 * self.period)
+
+    def _mapped(self, gamma: Complex) -> Complex:
+        """z of a sampled system for gamma in 1/s."""
+        return gamma if self.period is None else np.asarray(1 + self.period * gamma)
 
     @property
     def stable(self) -> bool:
@@ -150,9 +179,10 @@ class StateSpace:
         return self.stability().stable
 
     def stability(self) -> Stability:
-        """The poles, judged: stable, marginally stable (with the free modes by name) or unstable; not decided with samples
-        in a loop."""
-        return replace(stability(self.a, self.sizes, self.states, self.rigid), undecided=undecided_reasons(self.held))
+        """The poles, judged: stable, marginally stable (with the free modes by name) or unstable; not decided with
+        quantisers, or samples at irregular times, in a loop."""
+        return replace(stability(self.a if self.delta is None else self.delta, self.sizes, self.states, self.rigid,
+                                 self.period), undecided=undecided_reasons(self.held))
 
     def displayed(self) -> StateSpace:
         """The same with its outputs in the units in which they are shown, to be printed or drawn."""
@@ -185,6 +215,9 @@ class StateSpace:
         return replace(self, exact=exact, inputs=(input,), outputs=(output,), b=self.b[:, columns], c=self.c[rows],
                        d=self.d[rows, columns], higher=self.higher[:, rows, columns], shown=self.shown[i:i + 1],
                        units=(self.units[0], (self.units[1][j],), (self.units[2][i],)),
+                       hybrid=None if self.hybrid is None else replace(
+                           self.hybrid, f=self.hybrid.f[:, columns], s=self.hybrid.s[:, columns], c=self.hybrid.c[rows],
+                           d=self.hybrid.d[rows, columns]),
                        held=tuple(replace(h, inputs=tuple(n for n in h.inputs if n == self._inner(input)),
                                           outputs=tuple(n for n in h.outputs if n == output)) for h in self.held))
 
@@ -194,10 +227,15 @@ class StateSpace:
 
     def response(self, s: ArrayLike) -> Complex:
         """The transfer functions (N, k, m) at complex frequencies s (N,) in 1/s: s = 2j*pi*f; at a pole their size is
-        infinite and their angle not a number."""
+        infinite and their angle not a number. A sampled system has them at z = exp(s T); a loop that is cut at several
+        instants has the characteristic locus that is nearest to the signal itself."""
         points = np.atleast_1d(np.asarray(s, dtype=complex))
         if self.exact is not None:
             return self.exact.response(points)
+        if self.cut is not None and len(self.cut.times) > 1:
+            return self._locus(points, np.array(self.cut.times))
+        if self.period is not None:
+            points = np.expm1(points * self.period) / self.period
         a, b, c = self._scaled()
         through = np.zeros((len(points), len(self.outputs), len(self.inputs)), complex)
         if len(a) >= LINEAR_SYSTEM.sparse and np.count_nonzero(a) <= LINEAR_SYSTEM.dense * a.size:
@@ -208,6 +246,20 @@ class StateSpace:
                 through[k:k + number] = dense_response(a, b, c, points[k:k + number])
         points = points[:, None, None]
         return np.asarray(through + self.d + points * self.higher[0] + points**2 * self.higher[1])
+
+    def lifted(self, s: Complex) -> Complex:
+        """The transfer functions (N, n, n) of a loop that is cut at n instants, between them all, at s (N,) in 1/s."""
+        a, b, c = self._scaled()
+        period = self.period or 1.0
+        return dense_response(a, b, c, np.asarray(np.expm1(s * period) / period, dtype=complex)) + self.d
+
+    def _locus(self, s: Complex, times: Array) -> Complex:
+        """Of the eigenvalues of the lifted loop that of the vector nearest to exp(s t) at the instants t: the response
+        itself where the loop is the same at all instants."""
+        values, vectors = np.linalg.eig(self.lifted(s))
+        signal = np.exp(s[:, None] * times)
+        near = np.argmax(np.abs(np.einsum("Ni,Nij->Nj", signal.conj(), vectors)), axis=1)
+        return np.asarray(values[np.arange(len(s)), near][:, None, None])
 
     def dc_gain(self) -> Array:
         """The gains (k, m) at zero frequency in SI, infinite where poles at 0 are left: decided by the poles and zeros at
@@ -226,7 +278,7 @@ class StateSpace:
         return leading(a, b[:, j], c[i], np.array([self.d[i, j], *self.higher[:, i, j]]), highest)
 
     def zeros(self) -> Complex:
-        """The transmission zeros of one channel: where det [[a - s, b], [c, d + s higher]] is 0.
+        """The transmission zeros of one channel: where det [[a - s, b], [c, d + s higher]] is 0, or that with z.
 
         UsageError for several channels, or where the second derivative of the input reaches the output.
         """
@@ -240,7 +292,8 @@ class StateSpace:
             raise UsageError([Problem("zeros-of-one", "zeros are found for one input and one output, which the input's "
                                       "acceleration does not reach directly")])
         a, b, c = self._scaled()
-        largest = max(float(np.abs(self.poles).max(initial=0.0)), 1.0)
+        poles = eigenvalues(a)
+        largest = max(float(np.abs(poles).max(initial=0.0)), 1.0)
         b, c, d, higher = _balanced(b, c, self.d, self.higher[0], largest)
         pencil = np.block([[a / largest, b], [c, d]])
         mass = np.block([[np.eye(len(a)), np.zeros_like(b)], [np.zeros_like(c), -higher]])
@@ -248,13 +301,20 @@ class StateSpace:
         finite = np.abs(top) < LINEAR_SYSTEM.infinite * np.abs(bottom)
         found = np.asarray(largest * top[finite] / bottom[finite], dtype=complex)
         power = self._leading(0, 0, len(self.states) + 1).power
-        return found if power is None else with_zeros_at_zero(found, power + int(np.count_nonzero(self.poles == 0)))
+        return self._mapped(found if power is None else with_zeros_at_zero(found, power + int(np.count_nonzero(poles == 0))))
 
     def step(self, time: Array) -> Array:
         """What the outputs do (N, k, m) after a unit step of an input, at equally spaced times (N,) from 0 on; an impulse
-        at 0 that derivatives of the step would make is left out."""
+        at 0 that derivatives of the step would make is left out. A sampled system has the values of its last instant."""
         from scipy.linalg import expm
 
+        if self.period is not None:
+            last = np.floor(np.asarray(time) / self.period + 1e-9).astype(int)
+            states, values = np.zeros(self.b.shape), list[Array]()
+            for _ in range(int(last.max(initial=0)) + 1):
+                values.append(self.c @ states + self.d)
+                states = self.a @ states + self.b
+            return np.asarray(np.array(values)[last], dtype=float)
         a, b, c = self._scaled()
         n, m = b.shape
         whole = expm(np.block([[a, b], [np.zeros((m, n + m))]]) * (time[1] - time[0]))
@@ -272,6 +332,7 @@ class StateSpace:
         residues = np.abs((c[0] @ right) * np.linalg.lstsq(right, b[:, 0].astype(complex), rcond=None)[0])
         values = with_zeros(values.astype(complex), a)
         moving = values != 0  # integrators have no frequency of their own
+        values = values if self.period is None else equivalent(self._mapped(values), self.period)
         values, residues = values[moving], residues[moving]
         weights = residues / np.maximum(np.abs(values.real), 1e-2 * np.abs(values))
         return np.asarray(values[weights >= LINEAR_SYSTEM.visible * weights.max(initial=0.0)], dtype=complex)
@@ -286,30 +347,37 @@ class StateSpace:
 
     def frequencies(self) -> Array:
         """Frequencies in Hz (N,) from a decade below the slowest visible pole to a decade above the fastest, denser where
-        poles are near the axis."""
-        return spread(self.visible(), self.poles)
+        poles are near the axis; of a sampled system up to its Nyquist frequency."""
+        found = spread(self.visible(), self.rates)
+        if self.period is None:
+            return found
+        low = min(float(found[0]), self.highest / 100)
+        every = np.concatenate([np.geomspace(low, self.highest, LINEAR_SYSTEM.points), found])
+        return np.unique(every[every <= self.highest])
 
     def to_control(self) -> Any:
-        """The same as a `control.StateSpace`, dots in names as underscores (python-control allows none), with an attribute
-        `held` that names the variables that are constant in it; UsageError where python-control is not there or the system
-        is not proper."""
+        """The same as a `control.StateSpace`, of a sampled system with its `dt`, dots in names as underscores
+        (python-control allows none), with an attribute `held` that names the variables that are constant in it;
+        UsageError where python-control is not there or the system is not proper."""
         self._check_proper()
         try:
             import control
         except ImportError:
             raise UsageError("this needs python-control", hint="pip install control") from None
-        system = control.ss(self.a, self.b, self.c, self.d, **{
+        sampled = {} if self.period is None else {"dt": self.period}
+        system = control.ss(self.a, self.b, self.c, self.d, **sampled, **{
             kind: [name.replace(".", "_") for name in own]
             for kind, own in (("states", self.states), ("inputs", self.inputs), ("outputs", self.outputs))})
         system.held = tuple(h.text for h in self.held)
         return system
 
     def to_scipy(self) -> Any:
-        """The same as a `scipy.signal.StateSpace`; UsageError where the system is not proper."""
+        """The same as a `scipy.signal.StateSpace`, of a sampled system with its `dt`; UsageError where the system is not
+        proper."""
         from scipy.signal import StateSpace as Scipy
 
         self._check_proper()
-        return Scipy(self.a, self.b, self.c, self.d)
+        return Scipy(self.a, self.b, self.c, self.d, **({} if self.period is None else {"dt": self.period}))
 
     def as_dict(self) -> dict[str, object]:
         """Matrices with names and units, for machines."""
@@ -317,7 +385,8 @@ class StateSpace:
         return {"states": [{"name": n, "unit": u} for n, u in zip(self.states, states, strict=True)],
                 "inputs": [{"name": n, "unit": u} for n, u in zip(self.inputs, inputs, strict=True)],
                 "outputs": [{"name": n, "unit": u} for n, u in zip(self.outputs, outputs, strict=True)],
-                "held": [h.as_dict() for h in self.held],
+                "held": [h.as_dict() for h in self.held], "T": self.period,
+                "sampled": [h.as_dict() for h in self.sampled],
                 "A": self.a.tolist(), "B": self.b.tolist(), "C": self.c.tolist(), "D": self.d.tolist(),
                 "D1": self.higher[0].tolist(), "D2": self.higher[1].tolist()}
 
@@ -329,8 +398,10 @@ class StateSpace:
                                       "Take another output, or put a FirstOrderLag before the input.")])
 
     def _scaled(self) -> tuple[Array, Array, Array]:
-        """a, b, c for states counted in their usual sizes."""
+        """a, b, c for states counted in their usual sizes; of a sampled system delta, b/T and c."""
         sizes = self.sizes
+        if self.delta is not None and self.period is not None:
+            return self.delta * sizes / sizes[:, None], self.b / sizes[:, None] / self.period, self.c * sizes
         return self.a * sizes / sizes[:, None], self.b / sizes[:, None], self.c * sizes
 
 
@@ -344,6 +415,9 @@ def state_space(model: ModelOrFile, inputs: Sequence[str], outputs: Sequence[str
     of `model`: None for the start, `"steady"`, or a time (s, or text with a unit) to which the diagram is simulated;
     `parameters` overrides values by name. Raises UsageError for unknown names, StartError and SimulationError where
     there is no operating point.
+
+    With samples at regular times in a loop, or between `inputs` and `outputs`, the machine is discretised exactly, with
+    inputs that are constant over the period T (`period`, in s): x[k+1] = A x[k] + B w[k], y[k] = C x[k] + D w[k].
     """
     return StateSpaces(model, inputs, outputs, at).at(parameters)
 
@@ -394,9 +468,13 @@ class StateSpaces:
             around = self._exact.at(parameters)
             exact = DelayedSystem(around, np.array(self._delays(around.point.p)).ravel())
         point = self.points.at(parameters)
-        linear = self._linearisation.at(point)
-        n, k, given = len(linear.states), len(self.outputs), len(self._given)
-        b, d = np.zeros((4, n, len(self.inputs))), np.zeros((4, k, len(self.inputs)))
+        linear, updates = self._linearisation.continuous(point)
+        sampled = 2 * updates.number if updates is not None else 0
+        n, k, given = len(linear.states), len(linear.c), len(self._given)
+        m = len(self.inputs)
+        b, d = np.zeros((4, n, m + sampled)), np.zeros((4, k, m + sampled))
+        if sampled:
+            b[0, :, m:], d[0, :, m:] = linear.b[:, -sampled:], linear.d[:, -sampled:]
         for j, name in enumerate(self.inputs):
             if name in self._given:
                 column = self._given.index(name)
@@ -404,9 +482,24 @@ class StateSpaces:
             else:
                 first = given + 4 * self._added.index(name)
                 b[:, :, j], d[:, :, j] = linear.b[:, first:first + 4].T, linear.d[:, first:first + 4].T
+        through = np.asarray(b[1:].any(axis=0))
         b_0, d_all = _without_derivatives(linear, b, d)
-        return StateSpace(linear.states, self.inputs, self.outputs, self._units, linear.a, b_0, linear.c, d_all[0],
-                          d_all[1:3], linear.sizes, point, self._shown, linear.rigid, linear.held, exact)
+        if updates is None:
+            return StateSpace(linear.states, self.inputs, self.outputs, self._units, linear.a, b_0, linear.c, d_all[0],
+                              d_all[1:3], linear.sizes, point, self._shown, linear.rigid, linear.held, exact)
+        improper = np.flatnonzero(d_all[1:].any(axis=(0, 1)) | through[[t for t in updates.target if t < n]].any(axis=0))
+        if len(improper):
+            name = self.inputs[int(improper[0])]
+            raise UsageError([Problem("sampled-derivative", f"the input '{name}' is constant between samples, and its "
+                                      "derivative, an impulse at each sample, reaches an output or a sampled block", None,
+                                      "Take another input or output, or put a FirstOrderLag before the input.")])
+        system = updates.hybrid(point, linear.states, linear.sizes, linear.rigid, linear.a, b_0, linear.c, d_all[0])
+        found = discretised(system)
+        units = dict(zip(linear.states, self._units[0], strict=True)) | {h.name: h.unit for h in updates.held}
+        return StateSpace(found.names, self.inputs, self.outputs,
+                          (tuple(units[name] for name in found.names), *self._units[1:]), found.a, found.b, found.c, found.d,
+                          np.zeros((2, *found.d.shape)), found.sizes, point, self._shown, found.rigid, linear.held,
+                          period=found.period, delta=found.delta, sampled=linear.sampled, hybrid=system)
 
 
 def dense_response(a: Array, b: Array, c: Array, points: Complex) -> Complex:

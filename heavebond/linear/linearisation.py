@@ -24,7 +24,8 @@ from heavebond.core.errors import Problem, UsageError
 from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
 from heavebond.linear.held_variables import HeldStructure, HeldVariable, StartEvents, undecided_reasons
-from heavebond.linear.stability import Stability, real_within_rounding, stability, with_zeros
+from heavebond.linear.sampled import Discrete, SampledUpdates, discretised, equivalent
+from heavebond.linear.stability import Stability, eigenvalues, real_within_rounding, stability, with_zeros
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.initialise import Start, start, tangent
 from heavebond.numerics.inputs import pieced
@@ -35,17 +36,21 @@ from heavebond.numerics.start_equations import Point, StartEquations
 
 # Vectors l, v of unit length with a smaller product belong to a multiple eigenvalue, which has no derivative.
 DEFECTIVE = 1e-12
+# Share of a parameter by which it is moved for the difference of an eigenvalue: the cube root of rounding.
+DIFFERENCE = 1e-5
 
 
 @dataclass(frozen=True)
 class Mode:
     """An eigenvalue (1/s), of a pair the one with an imaginary part >= 0, and the vectors of the scaled states (n_x,),
-    with l^H v = 1 where that can be."""
+    with l^H v = 1 where that can be. In a sampled system `z` is the eigenvalue of its monodromy matrix, and the value
+    log(z)/T."""
 
     value: complex
     right: NDArray[np.complex128]
     left: NDArray[np.complex128]
     states: tuple[str, ...]
+    z: complex | None = None
 
     @property
     def frequency(self) -> float:
@@ -74,7 +79,8 @@ class Mode:
 @dataclass(frozen=True)
 class Linear:
     """a (n_x, n_x), b (n_x, m), c (k, n_x), d (k, m) in SI; `sizes` (n_x,) are the nominal values of the states, `rigid`
-    tells which of them are positions and speeds of bodies, `held` are the variables that are constant in it."""
+    tells which of them are positions and speeds of bodies, `held` are the variables that are constant in it. With a `period`
+    in s it is x[k+1] = a x[k] + b w[k], with delta = (a - 1)/period; `sampled` are the variables that samples set."""
 
     states: tuple[str, ...]
     inputs: tuple[str, ...]
@@ -86,24 +92,46 @@ class Linear:
     sizes: Array
     rigid: tuple[bool, ...] = ()
     held: tuple[HeldVariable, ...] = ()
+    period: float | None = None
+    delta: Array | None = None
+    sampled: tuple[HeldVariable, ...] = ()
+
+    def discrete(self, system: Discrete, inputs: Sequence[str], outputs: Sequence[str]) -> Linear:
+        """The same, discretised."""
+        return replace(self, states=system.names, inputs=tuple(inputs), outputs=tuple(outputs), a=system.a, b=system.b,
+                       c=system.c, d=system.d, sizes=system.sizes, rigid=system.rigid, period=system.period,
+                       delta=system.delta)
+
+    @property
+    def generator(self) -> Array:
+        """The matrix (n_x, n_x) in 1/s that is zero on free modes: a, or delta of a sampled system."""
+        return self.a if self.delta is None else self.delta
+
+    def poles(self) -> NDArray[np.complex128]:
+        """The eigenvalues (n_x,) in 1/s, zeros exact; of a sampled system log(z)/T."""
+        found = eigenvalues(self.generator * self.sizes / self.sizes[:, None])
+        return found if self.period is None else equivalent(1 + self.period * found, self.period)
 
     def stability(self) -> Stability:
         """The eigenvalues, judged: stable, marginally stable (with the free modes by name) or unstable; not decided with
-        samples in a loop."""
-        return replace(stability(self.a, self.sizes, self.states, self.rigid), undecided=undecided_reasons(self.held))
+        quantisers, or samples at irregular times, in a loop."""
+        return replace(stability(self.generator, self.sizes, self.states, self.rigid, self.period),
+                       undecided=undecided_reasons(self.held))
 
     def modes(self) -> list[Mode]:
         """The modes, the slowest first; eigenvalues that are zero but for rounding are 0."""
         if not self.states:
             return []
-        scaled = self.a * self.sizes / self.sizes[:, None]
+        scaled = self.generator * self.sizes / self.sizes[:, None]
         values, right = np.linalg.eig(scaled)
         try:
             left = np.linalg.inv(right).conj().T
         except np.linalg.LinAlgError:  # a multiple eigenvalue without as many vectors
             left = np.linalg.pinv(right).conj().T
         values = with_zeros(real_within_rounding(values, right, left, scaled), scaled)
-        found = [Mode(complex(values[k]), right[:, k], left[:, k], self.states)
+        poles = None if self.period is None else 1 + self.period * values
+        rates = values if self.period is None else equivalent(1 + self.period * values, self.period)
+        found = [Mode(complex(rates[k]), right[:, k], left[:, k], self.states, None if poles is None else complex(poles[k]))
                  for k in range(len(values)) if values[k].imag >= 0]
         return sorted(found, key=lambda mode: (abs(mode.value), mode.value.real))
 
@@ -129,6 +157,8 @@ class Linearisation:
         self._per = np.array([*(1.0 for _ in inputs), *([1.0, 1.0, 0.5, 1 / 6] * len(driven))])
         self._sides = (assembly.ode, assembly.alg, stack([_in_si(assembly, name) for name in outputs]))
         self._inner, self._outer = (x, z), w
+        self._by_name: dict[tuple[str, ...], SampledUpdates] = {}
+        self._sampled: dict[SampledUpdates, ca.Function] = {}
         self._given = {name: assembly.parameter_names.index(name) for name in inputs}
         self._driven = {name: [1 + 4 * known.index(name) + k for k in range(4)] for name in driven}
 
@@ -153,19 +183,54 @@ class Linearisation:
         return HeldStructure(self.assembly, self._given, self._driven, self.outputs, self._sides[2])
 
     def held(self, point: Point) -> tuple[HeldVariable, ...]:
-        """The held variables near a point, those that take the verdict on stability first."""
+        """The held variables near a point, those that take the verdict on stability first, with those that samples set in
+        the linear system (`exact`)."""
         return self._held.at(point) if self._held is not None else ()
 
     def at(self, point: Point) -> Linear:
-        """The linear system near a point; UsageError where an algebraic loop is singular there."""
-        f_x, f_z, f_w, g_x, g_z, g_w, h_x, h_z, h_w = (np.array(j.full()) for j in self._jacobians(*point.values()))
-        f_w, g_w, h_w = (j * self._per for j in (f_w, g_w, h_w))
+        """The linear system near a point, discretised if it has samples in a loop or between inputs and outputs; UsageError
+        where an algebraic loop is singular there."""
+        linear, updates = self.continuous(point)
+        if updates is None:
+            return linear
+        system = updates.hybrid(point, linear.states, linear.sizes, linear.rigid, linear.a, linear.b, linear.c, linear.d)
+        return linear.discrete(discretised(system), self.inputs, self.outputs)
+
+    def continuous(self, point: Point) -> tuple[Linear, SampledUpdates | None]:
+        """The linear system between events near a point. With samples, what they set, before and after an instant, is
+        behind the inputs, and what they set it to behind the outputs."""
+        held = self.held(point)
+        updates = self._updates(tuple(h for h in held if h.exact))
+        jacobians, per = self._jacobians, self._per
+        if updates is not None:
+            jacobians, per = self._sampled[updates], np.append(per, np.ones(2 * updates.number))
+        after = () if updates is None else (point.p[updates.indices],)
+        f_x, f_z, f_w, g_x, g_z, g_w, h_x, h_z, h_w = (np.array(j.full()) for j in jacobians(*point.values(), *after))
+        f_w, g_w, h_w = (j * per for j in (f_w, g_w, h_w))
         if len(point.z):
             by_x, by_w = _solved(g_z, g_x), _solved(g_z, g_w)
             f_x, f_w, h_x, h_w = f_x - f_z @ by_x, f_w - f_z @ by_w, h_x - h_z @ by_x, h_w - h_z @ by_w
         assembly = self.assembly
         return Linear(tuple(assembly.state_names), self.inputs, self.outputs, f_x, f_w, h_x, h_w, assembly.x_nominal,
-                      rigid_states(assembly), self.held(point))
+                      rigid_states(assembly), tuple(h for h in held if not h.exact),
+                      sampled=() if updates is None else updates.sampled(point)), updates
+
+    def updates(self, point: Point) -> SampledUpdates | None:
+        """The samples that the linear system near a point contains; None without any."""
+        return self._updates(tuple(h for h in self.held(point) if h.exact))
+
+    def _updates(self, exact: tuple[HeldVariable, ...]) -> SampledUpdates | None:
+        if not exact or self._held is None:
+            return None
+        key = tuple(h.name for h in exact)
+        if key not in self._by_name:
+            updates = SampledUpdates(self._held, exact)
+            sides = (*self._sides[:2], stack([self._sides[2], updates.values]))
+            outer = stack([self._outer, updates.symbols, updates.after])
+            self._by_name[key] = updates
+            self._sampled[updates] = ca.Function("jacobians", [*self.assembly.arguments, updates.after], [
+                ca.jacobian(side, by) for side in sides for by in (*self._inner, outer)])
+        return self._by_name[key]
 
 
 def _in_si(assembly: Assembly, name: str) -> ca.SX:
@@ -229,13 +294,20 @@ class ModesAtStart:
         """The point after the events at the instant of a start, which is linearised."""
         return self._events.after(start_point(first, self.u))
 
+    def constant(self, first: Start) -> tuple[HeldVariable, ...]:
+        """The variables that are constant in the linear system at a start."""
+        return tuple(h for h in self.linearisation.held(self.point(first)) if not h.exact)
+
     def start(self, settings: Mapping[str, float | str]) -> Start:
         """The start with these parameters set; StartError where there is none."""
         return start(self.assembly.with_parameters(settings) if settings else self.assembly, None, self.u, self.equations)
 
     def slope(self, first: Start, mode: Mode, names: Sequence[str], at: Point | None = None) -> NDArray[np.complex128]:
         """d s / d p (m,) for named parameters, the start moving along; zero for a multiple eigenvalue. `at` is the point
-        that was linearised, where parameters are others there than at the start."""
+        that was linearised, where parameters are others there than at the start. Those of a sampled system are central
+        differences."""
+        if mode.z is not None:
+            return self._differences(first, mode, names, at or self.point(first))
         assembly, n_x = self.assembly, len(first.x)
         at = at or self.point(first)
         product = np.vdot(mode.left, mode.right)
@@ -253,6 +325,25 @@ class ModesAtStart:
         by = np.vstack([moved.x, moved.z, moved.p])
         assert by.shape[0] == slopes[0].size and n_x <= slopes[0].size
         return np.asarray((slopes[0] @ by + 1j * (slopes[1] @ by)).ravel())
+
+    def _differences(self, first: Start, mode: Mode, names: Sequence[str], at: Point) -> NDArray[np.complex128]:
+        """d s / d p (m,) of a sampled system by differences of the eigenvalue nearest in z."""
+        assembly, found = self.assembly, np.zeros(len(names), dtype=complex)
+        begin = self.point(first).p  # what differs from it at the point differs at the points beside it
+        for k, name in enumerate(names):
+            index = assembly.parameter_names.index(name)
+            step = DIFFERENCE * (abs(first.p[index]) or 1.0)
+            sides = []
+            for value in (first.p[index] - step, first.p[index] + step):
+                p = first.p.copy()
+                p[index] = value
+                point = self.point(start(replace(assembly, p=p), None, self.u, self.equations))
+                changed = (at.p != begin) & (np.arange(len(p)) != index)
+                point = replace(point, p=np.where(changed, at.p, point.p))
+                near = min(self.linearisation.at(point).modes(), key=lambda m: abs((m.z or 0) - (mode.z or 0)))
+                sides.append(near.value)
+            found[k] = (sides[1] - sides[0]) / (2 * step)
+        return found
 
     @cached_property
     def _loops(self) -> ca.Function:

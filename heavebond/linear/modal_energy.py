@@ -36,7 +36,7 @@ ROUNDING = 1e-9
 class ModalShares:
     """The shares of components in the energy of a mode, and in its damping: of all that is dissipated, and below zero what
     feeds the mode, in the same measure; the largest first. `left_out` names components that cannot be counted. Empty where
-    a mode moves no store."""
+    a mode moves no store, and in a sampled system, whose efforts and flows do not move as exp(s t)."""
 
     energy: dict[str, float] = field(default_factory=dict)
     damping: dict[str, float] = field(default_factory=dict)
@@ -63,7 +63,7 @@ class ModalEnergies:
 
     def shares(self, point: Point, modes: Sequence[Mode]) -> list[ModalShares]:
         """The shares of the components in each of the modes near a point."""
-        if not modes or not self.owners:
+        if not modes or not self.owners or any(mode.z is not None for mode in modes):
             return [ModalShares(left_out=self.left_out) for _ in modes]
         slopes, = self._slopes(*point.values()).values()
         n_x, n_b = len(point.x), len(self._owner)

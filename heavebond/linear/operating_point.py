@@ -18,7 +18,7 @@ from heavebond.language.sections import Initial
 from heavebond.language.symbols import stack
 from heavebond.linear.disturbance import disturbed, quiet
 from heavebond.linear.held_variables import StartEvents
-from heavebond.linear.linearisation import start_point
+from heavebond.linear.linearisation import Linearisation, start_point
 from heavebond.numerics.dae import DELAY_ROWS, Array, Assembly, build, measured_rows
 from heavebond.numerics.initialise import start
 from heavebond.numerics.output_times import Time, begin_of, grid, seconds
@@ -127,9 +127,15 @@ class OperatingPoints:
         return replace(point, p=p, u=np.append(u, np.zeros(len(point.u) - rows)))
 
     def _steady_point(self, assembly: Assembly, u: Array) -> Point:
-        """The steady state with what the events at its instant set; without these if they do not come to rest."""
+        """The steady state with what the events at its instant set; without these if they do not come to rest. Samples in a
+        loop are at rest where they set what they set to the value that it has."""
         first = point = _still(assembly, self.equations, start_point(start(assembly, self.begin, u, self.equations), u))
         held = [h.index for h in assembly.flat.held]
+        updates = Linearisation(assembly).updates(first) if held else None
+        if updates is not None and (rest := updates.at_rest(first, self.equations.bounds)) is not None:
+            others = [index for index in held if index not in updates.indices]
+            if np.allclose(self._events.after(rest).p[others], rest.p[others], EVENT_ROUNDING, 0.0):
+                return rest
         for _ in range(MOST_STEPS if held else 0):
             after = self._events.after(point)
             if np.allclose(after.p[held], point.p[held], EVENT_ROUNDING, 0.0):

@@ -18,7 +18,7 @@ is nearer to the imaginary axis than that is undamped: neither its decay nor its
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,9 +149,10 @@ class Stability:
         return self.undecided or tuple(e.text for e in (*self.growing, *self.undamped, *self.free))
 
 
-def stability(a: Array, sizes: Array, states: Sequence[str], rigid: Sequence[bool] = ()) -> Stability:
+def stability(a: Array, sizes: Array, states: Sequence[str], rigid: Sequence[bool] = (), period: float | None = None
+              ) -> Stability:
     """The stability of x' = A x, A (n, n) in SI with states of these usual sizes (n,) and names; `rigid` tells which states
-    are positions and speeds of bodies."""
+    are positions and speeds of bodies. With a period T in s A is (Phi - 1)/T of x[k+1] = Phi x[k]."""
     scaled = a * sizes / sizes[:, None]
     found: list[Eigenvalue] = []
     motion = rigid or [False] * len(states)
@@ -166,7 +167,16 @@ def stability(a: Array, sizes: Array, states: Sequence[str], rigid: Sequence[boo
             own = Eigenvalue(0j, 0.0, taking, body or all(motion[states.index(n)] for n in taking), zeros)
             free.setdefault((own.rigid, frozenset(n.rpartition(".")[0] for n in taking)), []).append(own)
         found += _regular(rest, matrix, names, zeros)
+    if period is not None:
+        found = [_continued(e, period) for e in found]
     return Stability((*(_joined(links) for links in free.values()), *sorted(found, key=lambda e: abs(e.value))))
+
+
+def _continued(of: Eigenvalue, period: float) -> Eigenvalue:
+    """The eigenvalue log(z)/T of a sampled system for one of (Phi - 1)/T."""
+    z = 1 + period * of.value
+    size = max(abs(z), float(np.finfo(float).eps))
+    return replace(of, value=complex(np.log(size), np.angle(z)) / period)  # near the unit circle of the same accuracy
 
 
 def strong_blocks(a: Array) -> list[list[int]]:

@@ -199,7 +199,7 @@ class Objective:
         """The held variables at the start of the first case that has one."""
         for modes in self._modes:
             with suppress(HeavebondError):  # no start: the runs say so
-                return modes.linearisation.held(modes.point(modes.start({})))
+                return modes.constant(modes.start({}))
         return ()
 
     def _count(self, simulations: float) -> None:

@@ -189,7 +189,7 @@ def _of_modes(assembly: Assembly, costs: Sequence[Cost], settings: Mapping[str, 
         return
     at_start = ModesAtStart(assembly.with_parameters(settings))
     first, modes = at_start.at({})
-    check_decided(at_start.linearisation.held(at_start.point(first)), "a number of the modes", "Leave it out of `measure:`.")
+    check_decided(at_start.constant(first), "a number of the modes", "Leave it out of `measure:`.")
     for cost in costs:
         numbers = [modal_number(f.kind, chosen_mode(modes, f.kind, f.which)) for f in cost.functionals]
         yield float(cost.value(numbers, first.p))
@@ -210,7 +210,7 @@ def _modes(study: Study, assembly: Assembly) -> tuple[dict[str, Any], ...]:
     found = []
     at_start = ModesAtStart(assembly.with_parameters(study.modes))
     first, modes = at_start.at({})
-    held = held_lines(at_start.linearisation.held(at_start.point(first)))
+    held = held_lines(at_start.constant(first))
     for mode in modes:
         shares: dict[str, float] = {}
         for state, share in mode.participation.items():

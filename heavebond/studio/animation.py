@@ -109,7 +109,7 @@ def modes(assembly: Assembly, settings: Mapping[str, float | str]) -> Entry:
     first, found = at_start.at(settings)
     point = at_start.point(first)
     shares = energy_shares(assembly, point, found)
-    held = [h.name for h in at_start.linearisation.held(point) if h.acts]
+    held = [h.name for h in at_start.constant(first) if h.acts]
     return {"modes": [{"frequency": mode.frequency, "damping": mode.damping if mode.value else None, "swings": mode.swings,
                        "held": held, "energy": _with_blocks(assembly.flat, share.energy)}
                       for mode, share in zip(found, shares, strict=True)]}
