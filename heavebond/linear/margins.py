@@ -28,7 +28,17 @@ from heavebond.language.model import ModelOrFile
 from heavebond.linear import loop_crossings as crossing
 from heavebond.linear.held_variables import HeldVariable
 from heavebond.linear.linear_system import Complex, DelayedSystem, StateSpace, StateSpaces, spread
-from heavebond.linear.stability import MARGINAL, STABLE, UNSTABLE, Stability
+from heavebond.linear.sampled import Discrete
+from heavebond.linear.sampled_margins import (
+    bilinear,
+    bilinear_exists,
+    crossings_of_several,
+    cut_at,
+    frequency,
+    least_delay,
+    opened,
+)
+from heavebond.linear.stability import MARGINAL, STABLE, UNSTABLE, Stability, stability
 from heavebond.numerics.dae import Array
 from heavebond.numerics.output_times import Time, seconds
 
@@ -137,8 +147,9 @@ class OpenedSystem(DelayedSystem):
         return np.asarray(1 / super().response(points) - 1)
 
 
-def open_loop(closed: StateSpace) -> StateSpace:
-    """L from the closed loop, whose one input is what is added to the signal that is its one output.
+def open_loop(closed: StateSpace, dead_time: float = 0.0) -> StateSpace:
+    """L from the closed loop, whose one input is what is added to the signal that is its one output. That of a sampled loop
+    contains the dead time in s, that of others does not.
 
     UsageError where the signal is in no loop, or follows its own derivative.
     """
@@ -149,6 +160,8 @@ def open_loop(closed: StateSpace) -> StateSpace:
             "loop-held", f"the loop through '{name}' contains {sampled[0].label}, which the linear system holds constant: "
             "its margins cannot be computed", sampled[0].place, "Replace it by its continuous law (for a sample and hold a "
             "Delay of half a period), or tune and simulate the sampled loop.", tuple(h.text for h in sampled))])
+    if closed.hybrid is not None:
+        return opened(closed, cut_at(closed.hybrid, name, MARGINS.uncut), name, f"{CUT}{name}", dead_time)
     if not closed.proper or abs(d) < MARGINS.uncut:
         raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': what is added there acts on itself "
                                   "at once", None, "Cut it at another signal, such as a controller's output.")])
@@ -167,6 +180,9 @@ def open_loop(closed: StateSpace) -> StateSpace:
 def transfer_of(loop: StateSpace, dead_time: float = 0.0) -> crossing.Transfer:
     """The transfer function of an open loop, made ready for its crossings."""
     sizes, exact = loop.sizes, loop.exact
+    if loop.delta is not None and loop.period is not None:  # in v, the bilinear transform of z
+        return crossing.transfer(*bilinear(loop.delta * sizes / sizes[:, None], loop.b[:, 0] / sizes / loop.period,
+                                           loop.c[0] * sizes, float(loop.d[0, 0]), loop.period))
     found = crossing.transfer(loop.a * sizes / sizes[:, None], loop.b[:, 0] / sizes, loop.c[0] * sizes,
                               float(loop.d[0, 0]), dead_time)
     return found if exact is None else replace(
@@ -175,18 +191,25 @@ def transfer_of(loop: StateSpace, dead_time: float = 0.0) -> crossing.Transfer:
 
 def loop_frequencies(loop: StateSpace, found: Crossings) -> Array:
     """Frequencies in Hz (N,) that show a loop: around its poles and zeros and all its crossings."""
-    of = transfer_of(loop)
     crossed = [m.frequency for m in (*found.gain, *found.phase, found.modulus) if 0 < m.frequency < np.inf]
-    kept = [*crossing.critical_frequencies(of) / (2 * np.pi), *crossed]
-    low, high = min(kept) / MARGINS.around, max(kept) * MARGINS.around
-    near = [spread(np.array([2j * np.pi * low * MARGINS.around, 2j * np.pi * high / MARGINS.around]), loop.poles),
+    if loop.period is not None:
+        rates = loop.rates
+        kept = [*crossed, *np.abs(rates[rates != 0]) / (2 * np.pi)]
+    else:
+        kept = [*crossing.critical_frequencies(transfer_of(loop)) / (2 * np.pi), *crossed]
+    low, high = min(kept) / MARGINS.around, min(max(kept) * MARGINS.around, loop.highest)
+    low = min(low, high / MARGINS.around)
+    near = [spread(np.array([2j * np.pi * low * MARGINS.around, 2j * np.pi * high / MARGINS.around]), loop.rates),
             *(f * np.linspace(0.9, 1.1, 41) for f in crossed)]
     every = np.concatenate(near)
     return np.unique(every[(every >= low) & (every <= high)])
 
 
 def crossings(loop: StateSpace, closed: Stability, *, dead_time: float = 0.0) -> Crossings:
-    """Every crossing of an open loop L, the closed one judged without dead time; `dead_time` in s is added to both."""
+    """Every crossing of an open loop L, the closed one judged without dead time; `dead_time` in s is added to both (the open
+    one of a sampled loop contains it)."""
+    if loop.period is not None:
+        return _sampled_crossings(loop, closed, dead_time)
     of = transfer_of(loop, dead_time)
     gain = [Margin(1 / abs(value), omega / (2 * np.pi)) for omega in crossing.real_crossings(of)
             if (value := of.one(omega)).real < 0 and abs(value.imag) < MARGINS.real * abs(value)]
@@ -203,6 +226,44 @@ def crossings(loop: StateSpace, closed: Stability, *, dead_time: float = 0.0) ->
     verdict, reasons = _delayed(of, closed) if dead_time and not closed.undecided else (closed.verdict, closed.reasons)
     return Crossings(verdict, reasons, tuple(gain), tuple(phase), tuple(delay), Margin(distance, nearest / (2 * np.pi)),
                      loop.held)
+
+
+def _sampled_crossings(loop: StateSpace, closed: Stability, dead_time: float) -> Crossings:
+    """As `crossings`, of a sampled loop. Of several crossings of gain 1 the delay margin is that of the loop, exactly."""
+    assert loop.period is not None and loop.delta is not None and loop.cut is not None
+    period = loop.period
+    discrete = Discrete(period, loop.states, loop.sizes, loop.rigid, loop.delta, loop.b, loop.c, loop.d)
+    if len(loop.cut.times) > 1 or not bilinear_exists(discrete):
+        gains, phases, modulus = crossings_of_several(discrete)
+        gains = [(k, _unaliased(loop, f, -1 / k)) for k, f in gains]
+        phases = [(angle, _unaliased(loop, f, -complex(np.exp(1j * np.radians(angle))))) for angle, f in phases]
+    else:
+        of = transfer_of(loop)
+        gains = [(1 / abs(value), frequency(omega, period)) for omega in crossing.real_crossings(of)
+                 if (value := of.one(omega)).real < 0 and abs(value.imag) < MARGINS.real * abs(value)]
+        ends = ((of.static, 0.0), (of.d, 1 / (2 * period)))
+        gains += [(-1 / value, at) for value, at in ends if np.isfinite(value) and value < -MARGINS.uncut]
+        phases = [(float(np.degrees(np.angle(-of.one(omega)))), frequency(omega, period))
+                  for omega in crossing.magnitude_crossings(of)]
+        least, nearest = crossing.least_distance(of)
+        modulus = (least, frequency(nearest, period))
+    verdict, reasons = closed.verdict, closed.reasons
+    if dead_time and not closed.undecided:
+        judged = stability(discrete.closed_delta(), loop.sizes, loop.states, loop.rigid, period)
+        verdict, reasons = judged.verdict, judged.reasons
+    delays = [(angle % 360.0 / 360.0 / at, at) for angle, at in phases if at > 0]
+    if verdict != UNSTABLE and (exact := least_delay(loop.cut, phases, dead_time)):
+        delays = [exact]
+    gain, phase, delay = (tuple(Margin(*m) for m in sorted(found, key=lambda m: m[1])) for found in (gains, phases, delays))
+    return Crossings(verdict, reasons, gain, phase, delay, Margin(*modulus), loop.held)
+
+
+def _unaliased(loop: StateSpace, frequency: float, value: complex) -> float:
+    """The frequency in Hz at which the locus of a loop has a value, from that modulo the frequency of the hyperperiod."""
+    rate = 1 / (loop.period or 1.0)
+    every = np.array([f for n in range(int(loop.highest / rate) + 2) for f in (n * rate - frequency, n * rate + frequency)
+                      if -1e-9 * rate <= f <= loop.highest * (1 + 1e-9)])
+    return float(every[np.argmin(np.abs(loop.response(2j * np.pi * every)[:, 0, 0] - value))])
 
 
 def _delayed(of: crossing.Transfer, closed: Stability) -> tuple[str, tuple[str, ...]]:
@@ -232,8 +293,8 @@ def loop_crossings(model: ModelOrFile, signal: str, *, at: Time | None = None,
     Gains are factors, phases in degrees, delays in s, frequencies in Hz. `model`, `signal`, `at`, `parameters` and
     `dead_time` are those of `loop_margins`; raises what `state_space` raises.
     """
-    closed = loops(model, signal, at).at(parameters)
-    return crossings(open_loop(closed), closed.stability(), dead_time=seconds(dead_time, "dead_time"))
+    closed, further = loops(model, signal, at).at(parameters), seconds(dead_time, "dead_time")
+    return crossings(open_loop(closed, further), closed.stability(), dead_time=further)
 
 
 def loop_margins(model: ModelOrFile, signal: str, *, at: Time | None = None,
