@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
 from heavebond.linear.describing_function import NO_FRICTION, dry_frictions
-from heavebond.linear.linearisation import Linear, Mode, ModesAtStart
+from heavebond.linear.linearisation import DIFFERENCE, Linear, Mode, ModesAtStart
+from heavebond.linear.sampled import equivalent
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start
 from heavebond.numerics.newton import Scaling, newton
@@ -167,6 +168,8 @@ class RestStability:
         if found is None:
             return -1.0, np.zeros(len(named))
         value = found.smooth
+        if any(variant.linear.period is not None for variant in found.variants):
+            return value + REST_STABILITY.min_damping, self._differences(values, named)
         slope = np.zeros(len(named))
         for variant in found.variants if named and found.first is not None else ():
             for mode in variant.modes:
@@ -174,6 +177,17 @@ class RestStability:
                 if (weight := float(np.exp(REST_STABILITY.sharpness * (r - value)))) > REST_STABILITY.min_weight:
                     slope += weight * self._slope(found.first, variant, mode, named)
         return value + REST_STABILITY.min_damping, slope
+
+    def _differences(self, values: Mapping[str, float | str], named: Sequence[str]) -> Array:
+        """The slope (m,) of the limit of a sampled system, by central differences."""
+        now, slope = self.assembly.with_parameters(values).parameter_values, np.zeros(len(named))
+        for k, name in enumerate(named):
+            step = DIFFERENCE * (abs(now[name]) or 1.0)
+            ends = [self.at({**values, name: now[name] + sign * step}) for sign in (-1, 1)]
+            if all(end is not None for end in ends):
+                low, high = (end.smooth for end in ends if end is not None)
+                slope[k] = (high - low) / (2 * step)
+        return slope
 
     def _variant(self, point: Point, share: float | Sequence[float]) -> Variant:
         shares = [share] * len(self.frictions.names) if isinstance(share, float) else share
@@ -205,19 +219,36 @@ class RestStability:
         """Whether no state changes there, or each as it would for ever: a shaft that turns at a constant speed."""
         n_x, sizes = len(point.x), self.assembly.x_nominal
         rates = self._at(replace(point, rate=0.0))[0][:n_x]
-        if not np.all(np.isfinite(rates)):
+        if not np.all(np.isfinite(rates)) or not self._samples_rest(point):
             return False
         if np.all(np.abs(rates) <= REST_STABILITY.at_rest * sizes * self.base):
             return True
-        a = self.modes.linearisation.at(point).a
-        scaled = np.abs(a @ rates) / sizes
+        linear, updates = self.modes.linearisation.continuous(point)
+        scaled = np.abs(linear.a @ rates) / sizes
+        if updates is not None:  # nor does what the samples set
+            rows = linear.c[len(linear.c) - len(updates.target):]
+            scaled = np.append(scaled, np.abs(rows @ rates) / np.maximum(np.abs(rows) @ sizes, 1e-300))
         fastest = float(np.abs(rates / sizes).max())
         return bool(np.all(scaled <= REST_STABILITY.at_rest * max(fastest, self.base) * self.base))
+
+    def _samples_rest(self, point: Point) -> bool:
+        """Whether samples set what they set to the value that it has."""
+        updates = self.modes.linearisation.updates(point)
+        if updates is None:
+            return True
+        sides, jacobian = (np.array(v) for v in updates.rest(*point.values()))
+        changes, slopes = sides[-len(updates.target):].ravel(), jacobian[-len(updates.target):]
+        sizes = np.abs(slopes[:, :len(point.x)]) @ self.assembly.x_nominal + \
+            np.abs(slopes[:, len(point.x) + len(point.z):]) @ np.abs(point.p[updates.indices])
+        return bool(np.all(np.abs(changes) <= REST_STABILITY.at_rest * sizes))
 
     def _equilibrium(self, point: Point) -> Point | None:
         """The equilibrium that Newton's method finds from the start, with the inputs held still."""
         assembly, n_x = self.assembly, len(point.x)
         sizes = np.concatenate([assembly.x_nominal, assembly.z_nominal])
+        updates = self.modes.linearisation.updates(point)
+        if updates is not None:
+            return updates.at_rest(point, self.modes.equations.bounds)
 
         def system(y: Array) -> tuple[Array, Array]:
             sides, jacobian = self._at(replace(point, x=y[:n_x], z=y[n_x:], rate=0.0))
@@ -295,17 +326,23 @@ def describe(machine: RestStability, found: OperatingPointStability, case: str, 
 def loop(machine: RestStability, variant: Variant, named: Sequence[str], values: Mapping[str, float]) -> Loop | None:
     """The margins of the loop through those of the parameters that belong to signals, where all of them together scale one
     loop: A(k) = A_0 + k M with M of rank one, M = B C, so that L(s) = -C (s - A_0)^-1 B. With a phase of phi in the loop the
-    poles are the eigenvalues of A_0 + exp(-j phi) M."""
+    poles are the eigenvalues of A_0 + exp(-j phi) M. That of a sampled system is its Delta."""
     gains = [name for name in named if values[name] and _of_signals(machine.assembly, name)]
     if not gains:
         return None
     at = [machine.assembly.parameter_names.index(name) for name in gains]
 
+    zeros, period = variant.zeros, variant.linear.period
+
     def matrix(factor: float) -> Array:
         p = variant.point.p.copy()
         p[at] *= factor
         sizes = variant.linear.sizes
-        return np.asarray(machine.modes.linearisation.at(replace(variant.point, p=p)).a * sizes / sizes[:, None])
+        return np.asarray(machine.modes.linearisation.at(replace(variant.point, p=p)).generator * sizes / sizes[:, None])
+
+    def rates(poles: NDArray[Any]) -> NDArray[Any]:
+        moving = _moving(poles, zeros)
+        return moving if period is None else equivalent((1 + period * moving).astype(complex), period)
 
     one = matrix(1.0)
     m = one - matrix(0.0)
@@ -313,10 +350,8 @@ def loop(machine: RestStability, variant: Variant, named: Sequence[str], values:
     if not values_of[0] > 0 or (len(values_of) > 1 and values_of[1] > REST_STABILITY.rank_one * values_of[0]) or \
             np.abs(matrix(2.0) - one - m).max() > REST_STABILITY.rank_one * np.abs(m).max():
         return None
-    zeros = variant.zeros
-
     def growth(factor: complex) -> float:
-        return float(_moving(np.linalg.eigvals(one - m + factor * m), zeros).real.max(initial=-np.inf))
+        return float(rates(np.linalg.eigvals(one - m + factor * m)).real.max(initial=-np.inf))
 
     down, up = (crossing(growth, upwards) for upwards in (False, True))
     turns = [growth(np.exp(-1j * phi)) for phi in (0.0, *PHASES)]
@@ -326,7 +361,7 @@ def loop(machine: RestStability, variant: Variant, named: Sequence[str], values:
             from scipy.optimize import brentq
 
             phi = float(brentq(lambda phi: growth(np.exp(-1j * phi)), left, right, xtol=1e-6))
-            poles = _moving(np.linalg.eigvals(one - m + np.exp(-1j * phi) * m), zeros)
+            poles = rates(np.linalg.eigvals(one - m + np.exp(-1j * phi) * m))
             phase, frequency = float(np.degrees(phi)), float(abs(poles[np.argmax(poles.real)].imag) / (2 * np.pi))
             break
     return Loop(tuple(gains), down, up, phase, frequency)
