@@ -65,8 +65,10 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
     heavebond linear cmc_ahc --over controller.K_p='0 .. 5 1/m' --output locus.png
 
     A friction law is linearised at rest, where it locks its parts: --set its forces to 0 for the machine in motion, or
-    linearise at an instant of the motion with --at. Variables that only events change (samples, relays, friction that
-    sticks) are held constant and listed; with samples in a loop there is no verdict on stability, and no margin.
+    linearise at an instant of the motion with --at. With samples at regular times in a loop, or between input and output,
+    the machine is discretised exactly, and the period T is stated. Variables that other events change (relays, quantisers,
+    friction that sticks) are held constant and listed; with a quantiser in a loop there is no verdict on stability, and no
+    margin.
     """
     from heavebond.commands import terminal
     from heavebond.language.model import load
@@ -81,10 +83,11 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
         if over is not None:
             return _locus(diagram, over, when, output)
         from heavebond.core.presentation import count
-        from heavebond.linear.held_variables import held_lines
+        from heavebond.linear.held_variables import held_lines, sampled_lines
         from heavebond.linear.linear_system import StateSpaces
         from heavebond.linear.margins import loops
         from heavebond.linear.operating_point import stuck
+        from heavebond.linear.sampled import sampled_words
 
         made = StateSpaces(diagram, chosen, wanted, when) if loop is None else loops(diagram, loop, when)
         system = made.at()
@@ -93,10 +96,13 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
     told: dict[str, object] = {"model": diagram.name, "at": made.points.words, "stable": judged.stable if decided else None,
                                "stability": judged.verdict if decided else None, "reasons": list(judged.reasons)}
     console = terminal.output()
-    console.print(f"{diagram.name} {made.points.words}: {count(len(system.states), 'state')}, {judged.verdict}"
+    every = f", {sampled_words(system.period)}" if system.period is not None else ""
+    console.print(f"{diagram.name} {made.points.words}: {count(len(system.states), 'state')}{every}, {judged.verdict}"
                   f"{': ' if judged.reasons else ''}{'; '.join(judged.reasons)}", soft_wrap=True)
     told["stuck"] = notes = stuck(made.points.assembly, made.points.at())
     told["filled"] = made.filled or None
+    for line in sampled_lines(system.sampled):
+        console.print(line, soft_wrap=True)
     for note in filter(None, (*held_lines(system.held), *notes, made.filled)):
         console.print(note, style="yellow", soft_wrap=True)
     if loop is not None:
@@ -148,8 +154,12 @@ def _span(channels: Sequence[StateSpace], asked: str | None) -> Array:
                                   "Write for example --frequencies '0.01 .. 10 Hz'.")])
     from heavebond.linear.linear_system import spread
 
-    ends = 2 * np.pi * np.array([10 * found.low, found.high / 10])
-    return spread(-ends.astype(complex), channels[0].poles)
+    high = min(found.high, channels[0].highest)
+    if not found.low < high:
+        raise UsageError([Problem("frequencies", f"--frequencies {asked}: the response of a sampled system ends at its "
+                                  f"Nyquist frequency, {high:g} Hz", None, "Give lower frequencies.")])
+    ends = 2 * np.pi * np.array([10 * found.low, high / 10])
+    return spread(-ends.astype(complex), channels[0].rates)
 
 
 def _print_channels(channels: Sequence[StateSpace], span: Array, *, within: bool) -> list[dict[str, object]]:
@@ -271,7 +281,8 @@ def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> 
         save(plot_root_locus(found, title=f"{diagram.name}: poles over {parameter}"), output)
         console.print(f"wrote {output}", soft_wrap=True)
     return {"model": diagram.name, "parameter": parameter, "unit": found.unit, "values": found.values.tolist(),
-            "poles": [[[s.real, s.imag] for s in row] for row in found.poles.tolist()], "limits": list(found.limits),
+            "poles": [[[s.real, s.imag] for s in row] for row in found.poles.tolist()],
+            "T": None if found.periods is None else found.periods.tolist(), "limits": list(found.limits),
             "stability": [None if judged.undecided else judged.verdict for judged in found.stability], "free": list(free),
             "held": [h.as_dict() for h in found.held],
             "filled": found.filled or None, "files": [str(path) for path in files]}
@@ -293,7 +304,8 @@ def _draw(name: str, words: str, channels: Sequence[StateSpace], span: Array, fo
         figure = plot_linear.plot_nyquist(channels, span, title=title, margins=found)
     elif picture == "poles":
         zeros = {plot_linear.channel_name(c): c.zeros() for c in channels}
-        figure = plot_linear.plot_poles(channels[0].poles, zeros, title=with_held(title, channels[0].held))
+        figure = plot_linear.plot_poles(channels[0].poles, zeros, title=with_held(title, channels[0].held),
+                                        period=channels[0].period)
     else:
         figure = plot_linear.plot_steps(channels, [_step_times(c, until) for c in channels], title=title)
     return [save(figure, output)]
@@ -305,9 +317,15 @@ def _step_times(channel: StateSpace, until: str | None) -> Array:
 
     from heavebond.numerics.output_times import seconds
 
+    if until is not None and channel.period is not None:
+        return np.asarray(channel.period * np.arange(int(seconds(until, "--until") / channel.period) + 1), dtype=float)
     if until is not None:
         return np.linspace(0, seconds(until, "--until"), 1001)
     visible = channel.visible()
+    if channel.period is not None:
+        end = 5 / max(float(np.abs(visible.real).min(initial=np.inf)), 1e-3 / channel.period)
+        number = min(max(int(np.ceil(end / channel.period)), 5), 2000)
+        return np.asarray(channel.period * np.arange(number + 1), dtype=float)
     slowest = float(np.abs(visible.real).min()) if len(visible) else 1.0
     longest = 40 * 2 * np.pi / float(np.abs(visible).min()) if len(visible) else 5.0
     return np.linspace(0, min(5 / slowest if slowest > 0 else np.inf, longest), 2001)
@@ -318,6 +336,7 @@ def _save_matrices(system: StateSpace, path: Path) -> None:
 
     states, inputs, outputs = system.units
     held = {"A": system.a, "B": system.b, "C": system.c, "D": system.d, "D1": system.higher[0], "D2": system.higher[1],
+            "T": np.array(system.period or 0.0),  # 0 if continuous, as MATLAB's Ts
             **{name: np.array(list(words)) for name, words in (
                 ("states", system.states), ("inputs", system.inputs), ("outputs", system.outputs), ("state_units", states),
                 ("input_units", inputs), ("output_units", outputs), ("held", [h.text for h in system.held]))}}

@@ -18,7 +18,7 @@ from heavebond.commands.arguments import (
 
 if TYPE_CHECKING:
     from heavebond.linear.held_variables import HeldVariable
-    from heavebond.linear.linearisation import Mode
+    from heavebond.linear.linearisation import Linear, Mode
     from heavebond.linear.modal_energy import ModalShares
     from heavebond.linear.slow_modes import SlowModes
     from heavebond.numerics.dae import Assembly
@@ -42,28 +42,39 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
     Of a diagram with more than 300 states the slowest modes are listed, and growing ones that a search finds beyond them.
 
     A friction law is linearised at rest, where it locks its parts: --set its forces to 0 for the modes in motion, or
-    linearise at an instant of the motion with --at. Variables that only events change (samples, relays, friction that
-    sticks) are held constant and listed; with samples in a loop there is no verdict on stability.
+    linearise at an instant of the motion with --at. Loops with samples at regular times are discretised exactly; their modes
+    have a pole z, and are described by their states. Variables that other events change (relays, quantisers, friction that
+    sticks) are held constant and listed; with a quantiser in a loop there is no verdict on stability.
     """
     from heavebond.commands import terminal
     from heavebond.core.presentation import count
     from heavebond.language.model import load
-    from heavebond.linear.held_variables import held_lines
+    from heavebond.linear.held_variables import held_lines, sampled_lines
     from heavebond.linear.modal_energy import energy_shares
     from heavebond.linear.operating_point import OperatingPoints, stuck
+    from heavebond.linear.sampled import sampled_words
 
     with blamed_on_settings(settings), terminal.working("linearising"):
         operating = OperatingPoints(with_settings(load(model), settings), operating_time(at, steady))
         assembly, point = operating.assembly, operating.at()
-        found, judged, words, held = _modes(assembly, point, slowest, operating.words)
+        found, judged, words, held, linear = _modes(assembly, point, slowest, operating.words)
         shares = energy_shares(assembly, point, found)
     console = terminal.output()
-    rows = [(_frequency(mode), *((f"{mode.damping:.4g}", f"{-mode.value.real:.4g} 1/s") if mode.value else ("", "")),
-             _named(share.energy or mode.participation), _named(share.damping))
-            for mode, share in zip(found, shares, strict=True)]
-    console.print(terminal.table(f"{assembly.model.name} {operating.words}, {count(len(assembly.state_names), 'state')}",
-                                 ("frequency", "damping", "decay", "energy in", "damping contribution"), rows, text=5))
-    for line in words:
+    period, sampled = (linear.period, linear.sampled) if linear is not None else (None, ())
+    first = [(_frequency(mode), *((f"{mode.damping:.4g}", f"{-mode.value.real:.4g} 1/s") if mode.value else ("", "")))
+             for mode in found]
+    states = found[0].states if period is not None and found else assembly.state_names
+    title = f"{assembly.model.name} {operating.words}, {count(len(states), 'state')}"
+    if period is None:
+        rows = [(*begin, _named(share.energy or mode.participation), _named(share.damping))
+                for begin, mode, share in zip(first, found, shares, strict=True)]
+        console.print(terminal.table(title, ("frequency", "damping", "decay", "energy in", "damping contribution"), rows,
+                                     text=5))
+    else:
+        rows = [(*begin, _pole(mode), _named(mode.participation)) for begin, mode in zip(first, found, strict=True)]
+        title = f"{title}, {sampled_words(period)}"
+        console.print(terminal.table(title, ("frequency", "damping", "decay", "z", "states"), rows, text=5))
+    for line in (*words, *sampled_lines(sampled)):
         console.print(line, soft_wrap=True)
     notes = stuck(assembly, point)
     for note in filter(None, (*held_lines(held), *notes, operating.filled)):
@@ -71,14 +82,15 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
     if shares and shares[0].left_out:
         console.print(f"not counted (described by mass and temperature): {', '.join(shares[0].left_out)}", soft_wrap=True)
     return {"model": assembly.model.name, "at": operating.words, "operating_point": _point_told(assembly, point),
-            "stability": judged, "held": [h.as_dict() for h in held], "stuck": notes, "filled": operating.filled or None,
+            "stability": judged, "T": period, "sampled": [h.as_dict() for h in sampled],
+            "held": [h.as_dict() for h in held], "stuck": notes, "filled": operating.filled or None,
             "modes": [_told(mode, share) for mode, share in zip(found, shares, strict=True)]}
 
 
 def _modes(assembly: Assembly, point: Point, slowest: int | None, at: str
-           ) -> tuple[list[Mode], str | None, list[str], tuple[HeldVariable, ...]]:
-    """The modes to list, the verdict on stability (None if it is not decided), the sentences on it, and the variables that
-    are held constant."""
+           ) -> tuple[list[Mode], str | None, list[str], tuple[HeldVariable, ...], Linear | None]:
+    """The modes to list, the verdict on stability (None if it is not decided), the sentences on it, the variables that are
+    held constant, and the linear system if all modes are listed."""
     from heavebond.linear.held_variables import undecided_reasons
     from heavebond.linear.linearisation import Linearisation
     from heavebond.linear.slow_modes import SLOW_MODES, slow_modes
@@ -90,15 +102,16 @@ def _modes(assembly: Assembly, point: Point, slowest: int | None, at: str
         linear = linearisation.at(point)
         judged = linear.stability()
         if judged.undecided:
-            return linear.modes(), None, [f"{UNDECIDED} {at}: {'; '.join(judged.reasons)}"], linear.held
+            return linear.modes(), None, [f"{UNDECIDED} {at}: {'; '.join(judged.reasons)}"], linear.held, linear
         told = [] if judged.growing or judged.stable else [f"{judged.verdict} {at}: {'; '.join(judged.reasons)}"]
-        return linear.modes(), judged.verdict, _growth(len(judged.growing), at) + told, linear.held
+        told += [f"stable {at}"] if judged.stable and linear.period is not None else []
+        return linear.modes(), judged.verdict, _growth(len(judged.growing), at) + told, linear.held, linear
     times = grid(model, None, None) if model.until is not None else [0.0, 1.0]
     found = slow_modes(linearisation, point, float(times[-1] - times[0]), slowest or SLOW_MODES.count)
     held = linearisation.held(point)
     if reasons := undecided_reasons(held):
-        return found.modes, None, [f"{UNDECIDED} {at}: {'; '.join(reasons)}", *_not_computed(found)], held
-    return found.modes, UNSTABLE if found.unstable else None, _growth(found.unstable, at) + _not_computed(found), held
+        return found.modes, None, [f"{UNDECIDED} {at}: {'; '.join(reasons)}", *_not_computed(found)], held, None
+    return found.modes, UNSTABLE if found.unstable else None, _growth(found.unstable, at) + _not_computed(found), held, None
 
 
 def _growth(growing: int, at: str) -> list[str]:
@@ -120,7 +133,8 @@ def _not_computed(found: SlowModes) -> list[str]:
 
 
 def _told(mode: Mode, share: ModalShares) -> dict[str, object]:
-    return {"real": mode.value.real, "imaginary": mode.value.imag, "frequency": mode.frequency,
+    pole = {} if mode.z is None else {"z": [mode.z.real, mode.z.imag]}
+    return {"real": mode.value.real, "imaginary": mode.value.imag, **pole, "frequency": mode.frequency,
             "damping": mode.damping if mode.value else None, "participation": mode.participation, "energy": share.energy,
             "damped_by": share.damping}
 
@@ -135,6 +149,12 @@ def _frequency(mode: Mode) -> str:
     if not mode.value:
         return "free"
     return f"{mode.frequency:.4g} Hz" if mode.swings else "non-oscillatory"
+
+
+def _pole(mode: Mode) -> str:
+    """`0.9973 ± 0.06718j`."""
+    z = mode.z or 0j
+    return f"{z.real:.4g} ± {z.imag:.4g}j" if z.imag else f"{z.real:.4g}"
 
 
 def _named(shares: dict[str, float]) -> str:

@@ -16,7 +16,7 @@ from heavebond.language.model import ModelOrFile, loaded
 from heavebond.linear.held_variables import HeldVariable
 from heavebond.linear.linearisation import Linear, Linearisation
 from heavebond.linear.operating_point import OperatingPoints
-from heavebond.linear.stability import Stability, eigenvalues
+from heavebond.linear.stability import Stability
 from heavebond.numerics.dae import Array
 from heavebond.numerics.output_times import Time
 
@@ -27,8 +27,9 @@ POINTS = 81
 class RootLocus:
     """Poles (N, n) in 1/s at the values (N,) of a parameter in SI, each column following one pole; `limits` are values at
     which the last growing mode appears or goes (the stability boundary). `stability` judges each value: free modes stay at
-    exactly zero and are no limit. `filled` describes the volumes added to nodes that store nothing; `held` lists
-    the variables that are constant in the linear system, at the first value."""
+    exactly zero and are no limit. The poles of a sampled system are log(z)/T; `periods` (N,) are T in s. `filled` describes
+    the volumes added to nodes that store nothing; `held` lists the variables that are constant in the linear system, at the
+    first value."""
 
     parameter: str
     unit: str
@@ -38,13 +39,20 @@ class RootLocus:
     stability: tuple[Stability, ...]
     filled: str = ""
     held: tuple[HeldVariable, ...] = ()
+    periods: Array | None = None
+
+    @property
+    def z(self) -> NDArray[np.complex128]:
+        """The poles (N, n) of a sampled system in the z-plane."""
+        return np.asarray(np.exp(self.poles * (1.0 if self.periods is None else self.periods[:, None])))
 
 
 def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Time | None = None, points: int = POINTS
                ) -> RootLocus:
     """The poles of a diagram over a span of a parameter: `root_locus(model, "controller.K_p", "0 .. 10 1/m")`.
 
-    The `points` values of `parameter` are evenly spaced over `span`; poles are in 1/s. `model` is linearised at the
+    The `points` values of `parameter` are evenly spaced over `span`; poles are in 1/s, those of sampled systems
+    log(z)/T. `model` is linearised at the
     operating point `at`, as by `state_space`. Raises UsageError for an unknown parameter, a span in another unit, or
     where fewer than two values have an operating point.
     """
@@ -57,14 +65,15 @@ def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Tim
     def linear(value: float) -> Linear:
         return linearisation.at(operating.at({parameter: value}))
 
-    tried, found, judged, failed, held = [], [], [], "", tuple[HeldVariable, ...]()
+    tried, found, judged, periods, failed, held = [], [], [], list[float | None](), "", tuple[HeldVariable, ...]()
     for value in np.linspace(span.low, span.high, points).tolist():
         try:
             near = linear(value)
         except HeavebondError as error:
             failed = str(error)
             continue
-        found.append(eigenvalues(near.a * near.sizes / near.sizes[:, None]))
+        found.append(near.poles())
+        periods.append(near.period)
         judged.append(near.stability())
         tried.append(value)
         held = held or near.held
@@ -76,8 +85,9 @@ def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Tim
               and not (judged[k].undecided or judged[k + 1].undecided)]
     index = operating.assembly.parameter_names.index(parameter)
     unit = operating.assembly.flat.parameters[index].unit.text
-    return RootLocus(parameter, unit, values, _followed(found), tuple(limits), tuple(judged), operating.filled,
-                     held)
+    sampled = None if None in periods else np.array(periods, dtype=float)
+    return RootLocus(parameter, unit, values, _followed(found, sampled), tuple(limits), tuple(judged), operating.filled,
+                     held, sampled)
 
 
 def _limit(judged: Callable[[float], Stability], span: tuple[float, float], ends: tuple[Stability, Stability]) -> float:
@@ -98,12 +108,16 @@ def _limit(judged: Callable[[float], Stability], span: tuple[float, float], ends
     return (low + high) / 2
 
 
-def _followed(found: Sequence[NDArray[np.complex128]]) -> NDArray[np.complex128]:
-    """The poles in such order that each column moves little from row to row."""
+def _followed(found: Sequence[NDArray[np.complex128]], periods: Array | None) -> NDArray[np.complex128]:
+    """The poles in such order that each column moves little from row to row; those of a sampled system in the z-plane."""
     from scipy.optimize import linear_sum_assignment
 
     rows = [found[0][np.lexsort((found[0].imag, found[0].real))]]
-    for poles in found[1:]:
-        apart = np.abs(rows[-1][:, None] - poles[None, :]) / (np.abs(rows[-1])[:, None] + np.abs(poles)[None, :] + 1e-300)
+    for k, poles in enumerate(found[1:], 1):
+        if periods is not None:
+            apart = np.abs(np.exp(rows[-1] * periods[k - 1])[:, None] - np.exp(poles * periods[k])[None, :])
+        else:
+            sizes = np.abs(rows[-1])[:, None] + np.abs(poles)[None, :] + 1e-300
+            apart = np.abs(rows[-1][:, None] - poles[None, :]) / sizes
         rows.append(poles[linear_sum_assignment(apart)[1]])
     return np.array(rows)

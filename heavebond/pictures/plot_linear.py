@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import FixedLocator, NullLocator
 
 from heavebond.core.presentation import number, readable, readable_unit, unit_label
@@ -15,12 +16,14 @@ from heavebond.core.units import read_unit
 from heavebond.linear.held_variables import with_held
 from heavebond.linear.linear_system import LINEAR_SYSTEM
 from heavebond.linear.margins import CUT
+from heavebond.linear.sampled import sampled_words
 from heavebond.pictures.plot import COLOURS, DASHES, DPI, RECT, WIDTH, figure_title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
+    from heavebond.linear.held_variables import HeldVariable
     from heavebond.linear.linear_system import StateSpace
     from heavebond.linear.margins import Crossings
     from heavebond.linear.root_locus import RootLocus
@@ -30,6 +33,8 @@ GRID = "#e4e4e4"
 DAMPINGS = (0.1, 0.3, 0.5, 0.7)
 # A Nyquist curve is drawn up to so many times the distance of -1; a pole on the axis would hide everything else.
 REACH = 3.0
+# In the z-plane points farther from 0 are left out, and points within such a square are drawn larger.
+FAR, CLOSE = 3.0, 0.5
 CORNER, HALVINGS = 0.02, 6  # steps of a curve that the eye sees, over its size; how often they are halved
 
 
@@ -38,7 +43,7 @@ def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str 
     """Magnitude (as a ratio, with decibels on the right) and phase over the frequency in Hz, a line for each channel."""
     channels = [channel.displayed() for channel in channels]
     figure = Figure(figsize=(WIDTH, 7.5), dpi=DPI, layout=ConstrainedLayoutEngine(rect=RECT))
-    figure_title(figure, with_held(title, dict.fromkeys(h for c in channels for h in c.held)))
+    figure_title(figure, _with_period(title, channels[0].period, dict.fromkeys(h for c in channels for h in c.held)))
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     units = {ratio(c) for c in channels}
     for k, channel in enumerate(channels):
@@ -70,7 +75,8 @@ def plot_nyquist(channels: Sequence[StateSpace], frequencies: Array, *, title: s
     """The response in the complex plane, a plane for each unit, with the unit circle and -1 for an open loop (`margins`)."""
     channels = [channel.displayed() for channel in channels]
     units = list(dict.fromkeys(ratio(c) for c in channels))
-    figure, planes = _planes(with_held(title, dict.fromkeys(h for c in channels for h in c.held)), len(units))
+    figure, planes = _planes(_with_period(title, channels[0].period, dict.fromkeys(h for c in channels for h in c.held)),
+                             len(units))
     for axes, unit in zip(planes, units, strict=True):
         own = [(COLOURS[k % len(COLOURS)], c) for k, c in enumerate(channels) if ratio(c) == unit]
         _nyquist(axes, own, frequencies, margins)
@@ -119,35 +125,47 @@ def _smooth(channel: StateSpace, frequencies: Array) -> NDArray[np.complex128]:
     return np.asarray(found)
 
 
-def plot_poles(poles: NDArray[np.complex128], zeros: Mapping[str, NDArray[np.complex128]], *, title: str = "") -> Figure:
-    """Poles as crosses, the zeros of each channel as circles, with lines of equal damping."""
-    figure, axes = _plane(title)
+def plot_poles(poles: NDArray[np.complex128], zeros: Mapping[str, NDArray[np.complex128]], *, title: str = "",
+               period: float | None = None) -> Figure:
+    """Poles as crosses, the zeros of each channel as circles, with lines of equal damping; with a period in s those of a
+    sampled system in the z-plane."""
+    figure, axes = _plane(_with_period(title, period, ()))
     axes.plot(poles.real, poles.imag, "x", color=COLOURS[0], markersize=9, markeredgewidth=2, label="poles", zorder=3)
     for k, (name, found) in enumerate(zeros.items()):
         colour = COLOURS[(k + 1) % len(COLOURS)]
         axes.plot(found.real, found.imag, "o", color=colour, markersize=8 + 3 * k, fillstyle="none", markeredgewidth=1.4,
-                  label=f"zeros of {name}", zorder=3)
-    _s_plane(axes, np.concatenate([poles, *zeros.values()]))
+                  label=f"zeros of {name}{_far_zeros(found) if period is not None else ''}", zorder=3)
+    points = np.concatenate([poles, *zeros.values()])
+    _s_plane(axes, points) if period is None else _z_plane(axes, points)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False, fontsize=9)
     return figure
 
 
+def _far_zeros(zeros: NDArray[np.complex128]) -> str:
+    """` (and -3.6)` for zeros that the z-plane leaves out."""
+    far = [number(float(z.real), 3) if not z.imag else f"{z:.3g}" for z in zeros if abs(z) > FAR]
+    return f" (and {', '.join(far)})" if far else ""
+
+
 def plot_root_locus(found: RootLocus, *, title: str = "") -> Figure:
     """The ways of the poles while a parameter moves, coloured by its value; the stability boundaries in the legend."""
-    figure, axes = _plane(with_held(title, found.held))
+    periods = found.periods
+    figure, axes = _plane(_with_period(title, float(periods[0]) if periods is not None and np.ptp(periods) == 0 else None,
+                                       found.held))
+    poles = found.poles if periods is None else found.z
     unit = readable_unit(found.unit, float(np.abs(found.values).max()))
     ends = read_unit(unit).from_si(found.values)
-    values = np.broadcast_to(ends[:, None], found.poles.shape)
-    axes.plot(found.poles.real, found.poles.imag, color="#c8c8c8", linewidth=0.8, zorder=1)
-    drawn = axes.scatter(found.poles.real, found.poles.imag, c=values, s=11, cmap="viridis", zorder=2)
-    axes.plot(found.poles[0].real, found.poles[0].imag, "x", color="black", markersize=8, markeredgewidth=1.6, zorder=3,
+    values = np.broadcast_to(ends[:, None], poles.shape)
+    axes.plot(poles.real, poles.imag, color="#c8c8c8", linewidth=0.8, zorder=1)
+    drawn = axes.scatter(poles.real, poles.imag, c=values, s=11, cmap="viridis", zorder=2)
+    axes.plot(poles[0].real, poles[0].imag, "x", color="black", markersize=8, markeredgewidth=1.6, zorder=3,
               label=f"at {number(float(values[0, 0]), 4)}")
-    axes.plot(found.poles[-1].real, found.poles[-1].imag, "s", color="black", markersize=6, fillstyle="none", zorder=3,
+    axes.plot(poles[-1].real, poles[-1].imag, "s", color="black", markersize=6, fillstyle="none", zorder=3,
               label=f"at {number(float(values[-1, 0]), 4)}")
     for limit in found.limits:
         axes.plot([], [], " ", label=f"stability boundary at {readable(limit, found.unit, 4)}")
     figure.colorbar(drawn, ax=axes, label=f"{found.parameter} [{unit_label(unit)}]")
-    _s_plane(axes, found.poles.ravel())
+    _s_plane(axes, poles.ravel()) if periods is None else _z_plane(axes, poles.ravel())
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", ncols=4, frameon=False, fontsize=9)
     return figure
 
@@ -157,9 +175,10 @@ def plot_steps(channels: Sequence[StateSpace], times: Sequence[Array], *, title:
     channels = [channel.displayed() for channel in channels]
     n = len(channels)
     figure = Figure(figsize=(WIDTH, max(4.5, 0.9 + 2.2 * n)), dpi=DPI, layout=ConstrainedLayoutEngine(rect=RECT))
-    figure_title(figure, with_held(title, dict.fromkeys(h for c in channels for h in c.held)))
+    figure_title(figure, _with_period(title, channels[0].period, dict.fromkeys(h for c in channels for h in c.held)))
     for axes, channel, time in zip(figure.subplots(n, 1, squeeze=False)[:, 0], channels, times, strict=True):
-        axes.plot(time, channel.step(time)[:, 0, 0], color=COLOURS[0], linewidth=1.4)
+        axes.plot(time, channel.step(time)[:, 0, 0], color=COLOURS[0], linewidth=1.4,
+                  drawstyle="default" if channel.period is None else "steps-post")
         if channel.stable:
             settled = float(channel.response(np.zeros(1))[0, 0, 0].real)
             axes.axhline(settled, color="#8c8c8c", linewidth=0.8, linestyle=DASHES[1])
@@ -169,6 +188,12 @@ def plot_steps(channels: Sequence[StateSpace], times: Sequence[Array], *, title:
         axes.set_title(f"step of 1 {_bare(channel.units[1][0])} at {channel.inputs[0]}", loc="left", fontsize=10)
         axes.set_xlabel("time [s]")
     return figure
+
+
+def _with_period(title: str, period: float | None, held: Iterable[HeldVariable]) -> str:
+    """The title with the period of a sampled system and the variables that are constant."""
+    sampled = [sampled_words(period)] if period is not None else []
+    return with_held(", ".join(filter(None, [title, *sampled])), held)
 
 
 def channel_name(channel: StateSpace) -> str:
@@ -239,6 +264,40 @@ def _s_plane(axes: Axes, points: NDArray[np.complex128]) -> None:
     axes.set_ylabel("imaginary part [rad/s]")
 
 
+def _z_plane(axes: Axes, points: NDArray[np.complex128]) -> None:
+    """The unit circle with lines of equal damping and of equal frequency, a tenth of that of the samples apart; where all
+    points are close to each other, what is around them."""
+    near = points[np.abs(points) <= FAR]
+    spans = [(float(part.min(initial=0.0)), float(part.max(initial=0.0))) if not len(part) else (
+        float(part.min()), float(part.max())) for part in (near.real, near.imag)]
+    width = max(high - low for low, high in spans)
+    reach = 1.15 * max(1.0, float(np.abs(near).max(initial=0.0)))
+    centre, half = ((sum(spans[0]) / 2, sum(spans[1]) / 2), 1.2 * width) if 0 < width < CLOSE else ((0.0, 0.0), reach)
+    turn = np.linspace(0, np.pi, 300)
+    axes.add_patch(Rectangle((-2 * FAR, -2 * FAR), 4 * FAR, 4 * FAR, color="#f6e3da", zorder=-1))
+    axes.add_patch(Circle((0, 0), 1.0, facecolor="white", edgecolor="#8c8c8c", linewidth=0.8, zorder=-0.5))
+    for sign in (-1, 1):
+        for damping in DAMPINGS:
+            line = np.exp(-damping / np.sqrt(1 - damping**2) * turn + 1j * sign * turn)
+            axes.plot(line.real, line.imag, color=GRID, linewidth=0.8, zorder=0)
+            if sign > 0:
+                away = np.maximum(np.abs(line.real - centre[0]), np.abs(line.imag - centre[1]))
+                inside = np.flatnonzero(away < 0.9 * half)
+                at = line[inside[min(90, len(inside) - 1)]] if len(inside) else line[90]
+                axes.annotate(f"{damping:g}", (at.real, at.imag), fontsize=7, color="#8c8c8c", ha="center", va="center",
+                              bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "linewidth": 0}, zorder=0.5,
+                              annotation_clip=True)
+        for k in range(1, 5):
+            natural = np.linspace(0, 1, 100)  # damping ratios along a natural frequency of k/10 of the samples
+            s = 2 * np.pi * k / 10 * (-natural + 1j * sign * np.sqrt(1 - natural**2))
+            axes.plot(np.exp(s).real, np.exp(s).imag, color=GRID, linewidth=0.8, zorder=0)
+    axes.set_xlim(centre[0] - half, centre[0] + half)
+    axes.set_ylim(centre[1] - half, centre[1] + half)
+    axes.set_aspect("equal")
+    axes.set_xlabel("real part of z")
+    axes.set_ylabel("imaginary part of z")
+
+
 def _name_dampings(axes: Axes) -> None:
     """The damping on each line, just inside the frame where it leaves."""
     left, top = axes.get_xlim()[0], axes.get_ylim()[1]
@@ -256,7 +315,7 @@ def _phase(channel: StateSpace, frequencies: Array, found: NDArray[np.complex128
     it is without jumps from there."""
     angle = np.degrees(np.angle(found))
     plain = np.asarray(np.degrees(np.unwrap(np.radians(np.where(angle > 180 - 1e-4, angle - 360, angle)))))
-    if len(channel.states) > LINEAR_SYSTEM.zeros or channel.higher[1].any():
+    if len(channel.states) > LINEAR_SYSTEM.zeros or channel.higher[1].any() or channel.period is not None:
         return plain
     omega = 2 * np.pi * np.asarray(frequencies, dtype=float)[:, None]
 
