@@ -157,7 +157,7 @@ class Linearisation:
         self._per = np.array([*(1.0 for _ in inputs), *([1.0, 1.0, 0.5, 1 / 6] * len(driven))])
         self._sides = (assembly.ode, assembly.alg, stack([_in_si(assembly, name) for name in outputs]))
         self._inner, self._outer = (x, z), w
-        self._by_name: dict[tuple[str, ...], SampledUpdates] = {}
+        self._by_name: dict[tuple[str | bool, ...], SampledUpdates] = {}
         self._sampled: dict[SampledUpdates, ca.Function] = {}
         self._given = {name: assembly.parameter_names.index(name) for name in inputs}
         self._driven = {name: [1 + 4 * known.index(name) + k for k in range(4)] for name in driven}
@@ -200,7 +200,7 @@ class Linearisation:
         """The linear system between events near a point. With samples, what they set, before and after an instant, is
         behind the inputs, and what they set it to behind the outputs."""
         held = self.held(point)
-        updates = self._updates(tuple(h for h in held if h.exact))
+        updates = self._updates(tuple(h for h in held if h.exact), point.p)
         jacobians, per = self._jacobians, self._per
         if updates is not None:
             jacobians, per = self._sampled[updates], np.append(per, np.ones(2 * updates.number))
@@ -217,14 +217,14 @@ class Linearisation:
 
     def updates(self, point: Point) -> SampledUpdates | None:
         """The samples that the linear system near a point contains; None without any."""
-        return self._updates(tuple(h for h in self.held(point) if h.exact))
+        return self._updates(tuple(h for h in self.held(point) if h.exact), point.p)
 
-    def _updates(self, exact: tuple[HeldVariable, ...]) -> SampledUpdates | None:
+    def _updates(self, exact: tuple[HeldVariable, ...], p: Array) -> SampledUpdates | None:
         if not exact or self._held is None:
             return None
-        key = tuple(h.name for h in exact)
+        key = (*(h.name for h in exact), *(p[self.assembly.update_order.zeros] == 0).tolist())
         if key not in self._by_name:
-            updates = SampledUpdates(self._held, exact)
+            updates = SampledUpdates(self._held, exact, p)
             sides = (*self._sides[:2], stack([self._sides[2], updates.values]))
             outer = stack([self._outer, updates.symbols, updates.after])
             self._by_name[key] = updates

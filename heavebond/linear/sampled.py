@@ -5,7 +5,8 @@ Between samples the variables h that samples set are constant. With the states x
     x' = A x + B h + E w,    h' = 0:    z(t + dt) = z + phi(G dt) dt (G z + F w),    phi(M) = M^-1 (exp(M) - 1).
 
 At an instant the blocks of the clocks that coincide there set h_i (or a state) to R_i z + N_i z_new + S_i w: along the
-data flow a block reads the new values of other blocks (N); it reads states and its own variables as before the instant (R).
+data flow a block reads the new values of other blocks (N); it reads states and its own variables as before the instant (R;
+see `numerics.update_order`).
 The product of all these maps over the hyperperiod T, the least common multiple of the periods, is the monodromy matrix Phi;
 its eigenvalues z = exp(s T) decide on the stability. Inputs are constant over the hyperperiod.
 
@@ -296,10 +297,10 @@ class SampledUpdates:
 
     `held` are the exact ones of the held variables of an assembly (see `held_variables`). `symbols` are those of them that
     are no states, and `after` the same after an instant, as further inputs of the continuous system; `values` are the new
-    values, as further outputs of it.
+    values, as further outputs of it, in the order of the run at the parameters p (see `numerics.update_order`).
     """
 
-    def __init__(self, structure: HeldStructure, held: Sequence[HeldVariable]):
+    def __init__(self, structure: HeldStructure, held: Sequence[HeldVariable], p: Array):
         assembly = structure.assembly
         names = {h.name for h in held}
         rows = [k for k, (_, reset) in enumerate(structure.updates) if reset.name in names
@@ -319,17 +320,15 @@ class SampledUpdates:
         self.part = tuple(self.events[i].name.rpartition(".")[0] for i in self.event)
         self.symbols = stack([assembly.arguments[3][index] for index in self.indices])
         self.after = ca.SX.sym("after", self.number)
-        self.values = stack([self._along_signals(assembly.express(reset.value), part)
-                             for (_, reset), part in zip(updates, self.part, strict=True)])
+        order = assembly.update_order.at(p)
+        later = split(assembly.arguments[3])
+        for index, symbol in zip(self.indices, split(self.after), strict=True):
+            later[index] = symbol
+        self.values = ca.substitute(stack([order.direct[row] for row in rows]), order.after, stack(later))
         times = [event.first for event in self.events]
         times += [event.period for event in self.events if event.period is not None]
         self._times = ca.Function("times", [assembly.arguments[3]], [assembly.express(stack(times))])
         self._assembly = assembly
-
-    def _along_signals(self, value: ca.SX, part: str) -> ca.SX:
-        """A new value of a part with the variables of other parts as they are after the instant."""
-        others = [k for k, h in enumerate(self.held) if h.part != part]
-        return ca.substitute(value, self.symbols[others], self.after[others]) if others else value
 
     @cached_property
     def rest(self) -> ca.Function:
