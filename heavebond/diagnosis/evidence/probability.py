@@ -58,7 +58,8 @@ STATED = 0.01  # probability from which on an effect that the answer leaves out 
 
 @dataclass(frozen=True)
 class Calibration:
-    """The constants, fitted to the cases of the study on success rates (`python -m benchmarks.diagnosis.calibration fit`).
+    """The constants, fitted to the cases of the study on success rates (`docs/diagnosis_study.md`): machines that lack one
+    law at most. `python -m benchmarks.diagnosis.calibration report` compares them with machines that have clutter as well.
 
     cases: how many these were; temperature: T, by which log-likelihoods are divided; outside: A, the odds of a law outside
     the catalogue where one of the catalogue leaves noise; excess: B, the logarithm of the factor by which they are larger
