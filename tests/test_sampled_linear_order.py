@@ -30,3 +30,31 @@ simulate: {until: 1 s, every: 100 ms}
     for x in run["plant.y"]:
         assert x == pytest.approx(state[0], abs=1e-7)
         state = np.array([[1, 0.1], [-0.2, 1]]) @ state
+
+
+def test_the_delay_margin_of_a_loop_with_a_unit_delay() -> None:
+    """x' = u held over T, u_k+1 = -K x_k, K T = 0.9: z**2 - z + K T = 0. With a further delay d < T behind the hold,
+    z**3 - z**2 + K (T - d) z + K d = 0. In front of the sample any delay costs a whole period, z**3 - z**2 + K T = 0, and
+    the loop is unstable."""
+    model = hb.loads("""
+model: delayed
+components:
+  plant:   {is: Integrator, k: 1 1/s, u: =delay.y}
+  control: {is: SampleHold, T_s: 0.1 s, u: =9*(1 - plant.y)}
+  delay:   {is: UnitDelay, T_s: 0.1 s, u: =control.y}
+initial: {plant.y: 0}
+simulate: {until: 1 s}
+""")
+
+    def unstable(d: float) -> bool:
+        return bool(np.abs(np.roots([1, -1, 9*(0.1 - d), 9*d])).max() > 1)
+
+    low, high = 0.0, 0.1
+    for _ in range(40):
+        middle = (low + high)/2
+        low, high = (low, middle) if unstable(middle) else (middle, high)
+    behind = hb.loop_margins(model, "delay.y")
+    assert behind.gain[0].value == pytest.approx(1/0.9, rel=1e-9)
+    # the search ends at nine digits of its step
+    assert behind.delay[0].value == pytest.approx(low, rel=1e-6)
+    assert hb.loop_margins(model, "control.y").delay[0].value < 1e-5

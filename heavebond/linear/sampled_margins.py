@@ -51,6 +51,7 @@ class SampledMarginConstants:
         time.
     halvings: halvings of a bracket. Origin: nine digits. Doubled: nothing.
     secants: secants to the unit circle from there. Origin: rounding is reached by three. Doubled: nothing.
+    still: change of the size of an eigenvalue that is none. Origin: rounding of eigenvalues. Doubled: nothing.
     """
 
     direct: float = 1e-12
@@ -64,6 +65,7 @@ class SampledMarginConstants:
     frequencies: int = 2000
     halvings: int = 30
     secants: int = 6
+    still: float = 1e-12
 
 
 SAMPLED_MARGINS = SampledMarginConstants()
@@ -191,7 +193,8 @@ def _growing(eigenvalues: NDArray[np.complex128]) -> int:
 def _boundary(eigenvalues: Callable[[float], NDArray[np.complex128]], span: tuple[float, float], period: float
               ) -> tuple[float, float]:
     """The value in a span at which an eigenvalue passes the unit circle, and its frequency in Hz: the span is halved where
-    the number of growing ones changes, and the eigenvalue there is followed to the circle by secants."""
+    the number of growing ones changes, and the eigenvalue there is followed to the circle by secants inside the span. Those
+    end where the eigenvalue does not move: it may jump (a delay before a sample acts in whole periods)."""
     (low, high), number = span, _growing(eigenvalues(span[0]))
     for _ in range(SAMPLED_MARGINS.halvings):
         middle = (low + high) / 2
@@ -202,9 +205,9 @@ def _boundary(eigenvalues: Callable[[float], NDArray[np.complex128]], span: tupl
     for _ in range(SAMPLED_MARGINS.secants):
         found = eigenvalues(before)
         other = complex(found[np.argmin(np.abs(found - z))])
-        if value == before or abs(other) == abs(z):
+        if value == before or abs(abs(other) - abs(z)) < SAMPLED_MARGINS.still:
             break
-        before, value = value, value - (abs(z) - 1) * (value - before) / (abs(z) - abs(other))
+        before, value = value, float(np.clip(value - (abs(z) - 1) * (value - before) / (abs(z) - abs(other)), *span))
         found = eigenvalues(value)
         z = complex(found[np.argmin(np.abs(found - z))])
     return value, float(abs(np.angle(z)) / (2 * np.pi * period))
