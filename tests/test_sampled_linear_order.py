@@ -58,3 +58,23 @@ simulate: {until: 1 s}
     # the search ends at nine digits of its step
     assert behind.delay[0].value == pytest.approx(low, rel=1e-6)
     assert hb.loop_margins(model, "control.y").delay[0].value < 1e-5
+
+
+def test_a_part_of_a_controller_with_a_gain_of_zero_takes_no_verdict() -> None:
+    """The derivative part of this PI controller is always zero; that of a quantiser is not."""
+    text = """
+model: heated
+components:
+  plant:   {is: FirstOrderLag, T_1: 1 s, u: =control.y}
+  control: {is: DiscretePID, K_p: 2, K_i: 1 1/s, y_min: -10, y_max: 10, T_s: 0.1 s, r: 1, u: READ}
+initial: {plant.y: 0}
+simulate: {until: 1 s}
+"""
+    at_start = ModesAtStart(assemble(hb.loads(text.replace("READ", "=plant.y"))))
+    found = at_start.linearisation.at(at_start.point(at_start.start({})))
+    assert not any(h.undecided for h in found.held)
+    rounded = text.replace("READ", "=converter.y").replace("initial:", """  converter: {is: AnalogDigitalConverter, bits: 8,
+    u_min: -2, u_max: 2, T_s: 0.1 s, u: =plant.y}\ninitial:""")
+    at_start = ModesAtStart(assemble(hb.loads(rounded)))
+    found = at_start.linearisation.at(at_start.point(at_start.start({})))
+    assert any(h.undecided for h in found.held)

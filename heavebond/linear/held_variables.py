@@ -380,8 +380,9 @@ class HeldStructure:
         return replace(held, exact=exact)
 
     def _smooth(self, point: Point) -> dict[int, bool]:
-        """Whether the value of each update at regular times changes with states, held variables or inputs, is not rounded to
-        steps, and does not jump near the point."""
+        """Whether the value of each update at regular times is not rounded to steps, does not jump near the point, and
+        changes with states, held variables or inputs there, or with nothing anywhere (a derivative part with a gain of
+        zero)."""
         rows = [row for row, (i, _) in enumerate(self.updates) if self.events[i].period is not None]
         if not rows:
             return {}
@@ -394,8 +395,24 @@ class HeldStructure:
             ends = [np.array(values(*replace(point, x=point.x + end).values())).ravel() for end in (-moved, moved)]
             jumps |= np.abs(ends[1] - ends[0]) > HELD.jump * (by[:, :self.n_x] @ np.abs(moved)) + \
                 HELD.threshold * np.abs(ends).max(axis=0)
-        return {row: bool(moves) and not steps and not jump
-                for row, moves, steps, jump in zip(rows, by.any(axis=1), stepped, jumps.tolist(), strict=True)}
+        moves = by.any(axis=1)
+        if not moves.all():
+            moves |= self._constant(point, values)
+        return {row: bool(moving) and not steps and not jump
+                for row, moving, steps, jump in zip(rows, moves.tolist(), stepped, jumps.tolist(), strict=True)}
+
+    def _constant(self, point: Point, values: ca.Function) -> NDArray[np.bool_]:
+        """Whether the values of updates are the same at a point and at others far from it, drawn at random."""
+        random, here = np.random.default_rng(0), np.array(values(*point.values())).ravel()
+        same = np.ones(len(here), dtype=bool)
+        for size in (1e-3, 1.0, 1.0, 1e3):
+            p = point.p.copy()
+            p[self._held_index] += size * (1 + np.abs(p[self._held_index])) * random.uniform(-1, 1, len(self._held_index))
+            there = replace(point, x=point.x + size * self.assembly.x_nominal * random.uniform(-1, 1, self.n_x), p=p,
+                            z=point.z + size * self.assembly.z_nominal * random.uniform(-1, 1, len(point.z)),
+                            u=point.u + size * random.uniform(-1, 1, len(point.u)))
+            same &= np.array(values(*there.values())).ravel() == here
+        return same
 
     @cached_property
     def updates(self) -> list[tuple[int, FlatReset]]:
