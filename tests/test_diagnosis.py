@@ -249,7 +249,7 @@ def test_too_little_motion_tells_nothing(tmp_path: Path) -> None:
 def test_where_nothing_is_found_the_law_that_acts_in_the_residual_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """A class of the catalogue that is not what is missing, and no identified curve: the choked flow at the outlet."""
     monkeypatch.setattr("heavebond.diagnosis.phases.worth_it", lambda step: step.chosen.candidate.kind != "unknown law")
-    said = diagnose("receiver_rig/choked", classes=["sensor drift"], number=1)
+    said = diagnose("receiver_rig/choked", classes=["gain by direction"], number=1)
     assert (said.verdict, said.findings) == ("undetermined", ())
     assert said.words[0].endswith("reduces it noticeably on held-out data.")
     assert said.remainder is not None and said.remainder.decided and said.remainder.words in said.words

@@ -346,7 +346,8 @@ def parse_quantity(text: str) -> tuple[float, Unit | None]:
 def _why_not(text: str) -> tuple[str, str, str]:
     if re.fullmatch(rf"\s*{NUMBER}\s+\S*\^\S*\s*", text):
         return "unit-power", f"the power in '{text}' is written `**`", f"Write '{text.strip().replace('^', '**')}'."
-    grouped = re.fullmatch(r"\s*([+-]?\d{1,3}(?:([' _\u2019\u00a0\u202f])\d{3})(?:\2\d{3})*(?:\.\d+)?)(\s+\S+)?\s*", text)
+    grouped = re.fullmatch(r"\s*([+-]?[0-9]{1,3}(?:([' _\u2019\u00a0\u202f])[0-9]{3})(?:\2[0-9]{3})*(?:\.[0-9]+)?)"
+                           r"(\s+\S+)?\s*", text)
     if grouped:
         return "not-a-quantity", f"'{text}' has separators of thousands", \
             f"Write '{grouped.group(1).replace(grouped.group(2), '')}{grouped.group(3) or ''}'."
