@@ -56,7 +56,8 @@ READINGS = {
         "shaft.y": 100*9.81*0.5, "cell.y": 100*9.81, "height.y": 0.5, "tacho.y": 0.5, "laser.y": 0.5, "radar.y": 0.5,
         "g_cart.y": 10/5, "g_sled.y": 10/5, "g_held.y": -10/5, "gap.y": 2*10/5*1, "table.y": 2.0},
     "measured_rotation": {
-        "power.y": 0.2*100**2, "torque.y": 0.2*100, "tacho.y": 100, "encoder.y": 100, "resolver.y": 100, "slip.y": 100,
+        "power.y": 0.2*100**2, "torque.y": 0.2*100, "tacho.y": 100, "encoder.y": 100,
+        "counter.y": 2*np.pi/1000*np.floor(1000*100/(2*np.pi)), "resolver.y": 100, "slip.y": 100,
         "g_rotor.y": 10/5, "g_disc.y": 10/5, "apart.y": 2*10/5*1, "n_servo.y": 2, "n_bench.y": 2},
     "measured_plane": {"gauge.x": 1.001, "gauge.y": 1.5, "string.y": np.hypot(1.001, 1.5), "gyro.v_x": 2.0, "gyro.v_y": 3.0,
                        "foot.x": 2.0, "cell.F_y": 98.1, "cell.M": 98.1*0.5},
