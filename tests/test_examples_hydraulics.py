@@ -57,6 +57,18 @@ def second_order(t: float, f: float, zeta: float) -> float:
     return float(1 - np.exp(-zeta*w*t)*(np.cos(wd*t) + zeta*w/wd*np.sin(wd*t)))
 
 
+def hammer() -> float:
+    """Joukowsky's rise of what is left behind half of the friction, at the valve that has closed."""
+    rho, nu, beta, d, length = 998.2, 1.004e-6, 2.18e9, 0.05, 100.0   # water
+    area = PI/4*d**2
+
+    def loss(q: float) -> float:
+        return haaland(q*d/(area*nu), 0)*length/d*rho/2*(q/area)**2
+
+    q = brentq(lambda q: 30*BAR*(1 - (q/(120*LPM))**2) - loss(q), 60*LPM, 120*LPM)
+    return float(30*BAR - loss(q)/2 + np.sqrt(rho*beta)/area*q)
+
+
 def swivel() -> float:
     """Where the flow that is delivered, D*w*x, passes the orifice at the pressure that gives this x."""
     return float(brentq(lambda x: 50e-6*25*x - root(30*LPM, 200*BAR, (200 - 10*x)*BAR), 0, 1))
@@ -162,6 +174,7 @@ CASES = [
     Case("water", "vessel.p", 10, brentq(lambda p: air_compressed(p, 0.002, 2.18e9) - air_compressed(1*BAR, 0.002, 2.18e9)
                                          - 0.6*LPM*10/0.01, 0, 500*BAR), 1e-5, STEPS),
     Case("water", "1*inlet.p - 1*vessel.p", 10, 128*1.004e-6*998.2*20/(PI*1e-8)*0.6*LPM, 1e-3, BAND),
+    Case("transmission_line", "end.p", 0.15, hammer(), 1e-5, BAND),
     Case("volume", "vessel.p", 2, brentq(lambda p: air_compressed(p, 0.02) - 6*LPM*2/0.01, 0, 500*BAR), 1e-5,
          "integration, 1e-8 of 100 bar in each step"),
 ]
