@@ -8,7 +8,7 @@ import test_library_drives as drives
 from examples import Array, Case, check, without_example
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from scipy.interpolate import RegularGridInterpolator
+from scipy.interpolate import PchipInterpolator, RegularGridInterpolator
 from scipy.signal import lfilter, step
 
 import heavebond as hb
@@ -154,6 +154,8 @@ CASES = [
     Case("pulse", "part.y", lambda t: 5.0*((t > 0.3 - 1e-9) & (t < 0.55)), LAW),
     Case("table_source", "part.y", lambda t: np.interp(t, [0.1, 0.3, 0.6, 0.8], [0, 2, 2, -1]), "np.interp"),
     Case("lookup", "part.y", lambda t: np.interp(u(t), [-1, 0, 1, 2], [-10, 0, 5, 20])/6e4, "np.interp"),
+    Case("monotone_lookup", "part.y", PchipInterpolator([0, 1, 2, 4, 5], [0, 0.1, 2, 2.2, 2.2]),
+         "SciPy's PchipInterpolator, the same slopes"),
     Case("lookup2", "part.y", lambda t: MAP(np.column_stack((2000*t, 100*(1 - t)))), "SciPy's RegularGridInterpolator"),
     Case("record", "part.y", lambda t: np.interp(t, [0, 0.5, 1.5, 2], [0, 0.02, -0.01, 0.03]), "np.interp"),
     Case("gain", "part.y", lambda t: 6/6e4*u(t), LAW),
@@ -197,7 +199,8 @@ CASES = [
     Case("relay", "part.y", lambda t: 24*within(t, 1/12, 0.5 + np.arcsin(0.25)/(2*PI)), LAW),
     Case("comparator", "part.y", lambda t: within(t, 1/12, 5/12), LAW),
     Case("switch", "part.y", lambda t: np.where(within(t + 0.3/(2*PI), 0, 0.5) == 1, 3, -t), LAW),
-    Case("delay", "part.y", lambda t: 4*(t - 0.1), "a ramp, once exp(-30*t) is gone", 1e-6, 0.6),
+    Case("delay", "part.y", lambda t: 4*np.maximum(t - 0.1, 0), "a ramp, constant before the start"),
+    Case("pade_delay", "part.y", lambda t: 4*(t - 0.1), "a ramp, once exp(-50*t) is gone", 1e-6, 0.6),
     Case("delay_chain", "part.y", lambda t: 4*(t - 0.1), "a ramp, once exp(-200*t) is gone", 1e-6, 0.4),
     Case("quantiser", "part.y", lambda t: 0.1*np.round(sampled(t, 0.02)/0.1), "np.round of the samples"),
     Case("delayed_sample_hold", "part.y", lambda t: np.where(t < 0.02, 0, sampled(np.maximum(t - 0.02, 0), 0.05)), LAW),
