@@ -235,14 +235,16 @@ NOT_A_GENERALISATION = {
         "~LuGreFriction < ~DirectionalFriction; RotationalLuGreFriction < RotationalNonlinearDamper; "
         "~LuGreFriction < ~Hysteresis; ~StribeckFriction < ~DirectionalFriction; *DamperWithPlay < RotationalDamper; "
         "SpringDamperWithPlay < *Damper; *WithPlay < Contact; *WithPlay < ShockAbsorber; SlackWire < *; WormGear < *; "
-        "PowerScrew < *; Conduction < *; NaturalConvection < HeatRadiation",
+        "PowerScrew < *; Conduction < *; NaturalConvection < HeatRadiation; TransmissionLine < *; Lookup < MonotoneLookup; "
+        "MonotoneLookup < Lookup",
     "it sticks by events: the same law in the limit of its transition, with the same parameters":
         "~DryFriction < *; LockingClutch < Clutch",
     "a whole number makes the difference":
         "PistonPump < HydraulicPump; TelescopicCylinder < PlungerCylinder",
     "a signal of a controller or a source is known":
-        "Delay < *; DelayChain < *; LeadLag < *; NotchFilter < *; Quantiser < *; RateLimit < *; TransferFunction < *; "
-        "Chirp < *",
+        "DelayChain < *; LeadLag < *; NotchFilter < *; Quantiser < *; RateLimit < *; TransferFunction < *; "
+        "Chirp < *; AnalogDigitalConverter < *; DelayedSampleHold < *; Discrete* < *; EdgeDetector < *; FirstOrderHold < *; "
+        "LossySampleHold < *; MovingAverage < *; OnDelay < *; PadeDelay < *; RandomWalk < *; SampleHold < *; UnitDelay < *",
 }
 
 
