@@ -38,6 +38,9 @@ DERIVATIVES = {"hold": 0, "linear": 1, "spline": 3}
 # `substitute_inputs`).
 DELAY_TERMS = 8
 DELAY_ROWS = 3 + DELAY_TERMS
+LARGE = 100  # smallest number of unknowns of a system that is factorised by CSparse
+SMALLEST_PIVOT = 1e-12  # of sparse QR, the default of CasADi: a smaller pivot is zero
+LOST_GRADIENT = 1e-9  # of the gradient of a loop at the beginning: below it, the loop no longer determines its unknown
 
 
 @dataclass(frozen=True)
@@ -389,12 +392,32 @@ class Integrand:
 
     Terms that depend on parameters alone (the amplitudes of a sea's hundred sines) are computed once a run, what several
     components compute alike (an elongation) once a step. With m directions, x and z hold the model's own unknowns first
-    and then m blocks of their sensitivities. No step is longer than `longest` (s; 0 for no limit).
+    and then m blocks of their sensitivities. No step is longer than `longest` (s; 0 for no limit). A pivot of the Newton
+    matrix below `smallest_pivot` is zero.
     """
 
     dae: dict[str, ca.SX]
     hoist: ca.Function
     longest: float = 0.0
+    smallest_pivot: float = SMALLEST_PIVOT
+
+
+def smallest_pivot(assembly: Assembly) -> float:
+    """The size below which a pivot of the integrator's Newton matrix is zero: SMALLEST_PIVOT, or less where the gradients
+    of a loop are tiny from the beginning, as the residuals of loops are not scaled.
+
+    The gradients are those at equal pressures, where the regularised laws are steepest. A loop without gradient there, as
+    at an open contact, has no size.
+    """
+    n_z = assembly.alg.numel()
+    if not 0 < n_z < LARGE:
+        return SMALLEST_PIVOT
+    slopes = assembly.once("slopes of loops", lambda: ca.Function(
+        "slopes", list(assembly.arguments), [ca.jacobian(assembly.alg, assembly.arguments[2])]))
+    _, x, z, _, u, _ = (np.zeros(a.shape) for a in assembly.arguments)
+    found = slopes(assembly.begin, x, z, assembly.p, u, 1.0)
+    rows = np.abs(np.array(found) * assembly.z_nominal).max(axis=1)
+    return min(SMALLEST_PIVOT, LOST_GRADIENT * float(np.min(rows, where=np.isfinite(rows) & (rows > 0.0), initial=np.inf)))
 
 
 def from_begin(expressions: Sequence[ca.SX], time: ca.SX, begin: float) -> list[ca.SX]:
@@ -490,7 +513,7 @@ def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: 
            "alg": parts[1]}
     if quadratures is not None:
         dae["quad"] = parts[2]
-    return Integrand(dae, hoist)
+    return Integrand(dae, hoist, smallest_pivot=smallest_pivot(assembly))
 
 
 def _augmented(x: ca.SX, z: ca.SX, p: ca.SX, dp: ca.SX, right: list[ca.SX], u: ca.SX, du: ca.SX

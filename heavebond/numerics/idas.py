@@ -16,7 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from heavebond.numerics.dae import Array, Assembly, Integrand
+from heavebond.numerics.dae import LARGE, SMALLEST_PIVOT, Array, Assembly, Integrand, smallest_pivot
 from heavebond.numerics.machine_code import Evaluated
 from heavebond.numerics.sparse_jacobian import given_jacobian
 from heavebond.numerics.time_events import same_instant
@@ -31,8 +31,6 @@ SHORTEST = 1e-5
 _TURN = RLock()
 RESTS = (0.01, 0.1, 1.0, 10.0, 100.0)  # s; instants at which `at_rest` yields the state
 MOST_STEPS_TO_REST = 20_000
-SMALLEST_PIVOT = 1e-100  # of sparse QR: the residuals of loops are not scaled, and a small flow has small gradients
-LARGE = 100  # smallest number of unknowns of a system that is factorised by CSparse
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,7 @@ class Idas:
         self._orders, unit = _orders(made.dae), time_unit(stops)
         self._dae, self._begin = _ordered(in_unit_of_time(made.dae, unit), self._orders), float(stops[0] / unit)
         self._outputs = [float(t) for t in stops[1:] / unit] or [self._begin + 1.0]
-        self._options = {**integrator_options(self._dae, tolerances), "max_num_steps": most_steps,
+        self._options = {**integrator_options(self._dae, tolerances, made.smallest_pivot), "max_num_steps": most_steps,
                          **({"max_step_size": made.longest / unit} if made.longest else {})}
         if strict:
             self._options["suppress_algebraic"] = False
@@ -156,8 +154,8 @@ def at_rest(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array
     given = (t, x_s * x_size, z_s * z_size, p, u, 0.0)
     ode, alg = ca.substitute([assembly.ode / x_size, assembly.alg], list(symbols), [ca.SX(g) for g in given])
     dae = {"x": x_s, "z": z_s, "ode": ode, "alg": alg}
-    options = {**integrator_options(dae, Tolerances(1e-6, 1e-8)), "max_num_steps": MOST_STEPS_TO_REST,
-               "suppress_algebraic": False}
+    options = {**integrator_options(dae, Tolerances(1e-6, 1e-8), smallest_pivot(assembly)),
+               "max_num_steps": MOST_STEPS_TO_REST, "suppress_algebraic": False}
     now = x / x_size, z / z_size
     with caught_errors():
         for begin, end in zip((0.0, *RESTS[:-1]), RESTS, strict=True):
@@ -176,14 +174,14 @@ def is_large(dae: Mapping[str, ca.SX]) -> bool:
     return bool(dae["x"].numel() + dae["z"].numel() >= LARGE)
 
 
-def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict[str, Any]:
-    """The options of IDAS for a DAE."""
+def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances, pivot: float = SMALLEST_PIVOT) -> dict[str, Any]:
+    """The options of IDAS for a DAE; a smaller pivot of its Newton matrix is zero."""
     large = is_large(dae)
     return {
         "reltol": tolerances.rtol, "abstol": tolerances.atol, "max_num_steps": MOST_STEPS, "print_time": False,
         # small models factorise fastest by sparse QR; large ones by CSparse
         "linear_solver": "csparse" if large else "qr",
-        **({} if large else {"linear_solver_options": {"eps": SMALLEST_PIVOT}}),
+        **({} if large else {"linear_solver_options": {"eps": pivot}}),
         "suppress_algebraic": bool(dae["z"].numel()), **(given_jacobian(dae) if large else {}),
     }
 

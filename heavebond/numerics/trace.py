@@ -129,7 +129,7 @@ class Frame:
         s, a, d = (ca.SX.sym(name) for name in "sad")
         dae["ode"], dae["alg"] = ca.substitute([d * dae["ode"], dae["alg"]], [dae["t"]], [a + d * s])
         dae["t"], dae["u"] = s, stack([dae["u"], a, d])
-        return Integrand(dae, self.made.hoist, longest)
+        return replace(self.made, dae=dae, longest=longest)
 
 
 @dataclass(frozen=True)
