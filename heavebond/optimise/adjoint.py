@@ -299,8 +299,8 @@ class Adjoint:
         if room * size > ADJOINT.max_numbers:
             raise _failure(f"to keep {room} steps of {size} unknowns takes too much memory", "")
         # long steps where the adjoint states are quiet would leave the integrals over p inaccurate
-        options = {**integrator_options(dae, simulator.tolerances), "nadj": number, "steps_per_checkpoint": room,
-                   "quad_err_con": True}
+        options = {**integrator_options(dae, simulator.tolerances, simulator.integrand.smallest_pivot), "nadj": number,
+                   "steps_per_checkpoint": room, "quad_err_con": True}
         stops = simulator.stops - simulator.begin
         unit = time_unit(stops)
         times = (stops / unit).tolist()
