@@ -178,7 +178,8 @@ def _checked(model: Model) -> Assembly:
     """As `heavebond check` does."""
     assembly = assemble(model)
     times = grid(model, None, None) if assembly.flat.inputs else np.zeros(1)
-    u = pieced(assembly.flat, 0.0, float(times[-1])).at(np.zeros(1))[:, 0] if assembly.flat.inputs else np.zeros(0)
+    u = pieced(assembly.flat, 0.0, float(times[-1])).at(np.zeros(1))[:, 0] if assembly.flat.inputs else \
+        np.zeros(assembly.arguments[4].numel())
     begun: Start = start(assembly, 0.0, u)
     summary(assembly, begun).text(WIDTH)
     str(at_point(assembly, start_point(begun, u)))

@@ -241,7 +241,7 @@ def _start(assembly: Assembly) -> tuple[Start, Point]:
 
     if not assembly.flat.inputs:
         begun = start(assembly)
-        return begun, start_point(begun, np.zeros(0))
+        return begun, start_point(begun, np.zeros(assembly.arguments[4].numel()))
     # a record must cover the whole run, which is said here and not first by `run`
     times = grid(assembly.model, None, None)
     u = pieced(assembly.flat, float(times[0]), float(times[-1])).at(times[:1])[:, 0]
