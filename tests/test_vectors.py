@@ -171,11 +171,29 @@ def test_mistakes_in_formulas(tmp_path: Path, formula: str, unit: str, code: str
     assert code in [p.code for p in caught.value.problems], str(caught.value)
 
 
-def test_an_event_sets_numbers(tmp_path: Path) -> None:
-    part = TOP + "when:\n  stop: {at: t_s, then: {w: 0}}\n"
-    part = part.replace("parameters:\n", "parameters:\n  t_s: {unit: s, default: 1 s, doc: time}\n")
-    with pytest.raises(HeavebondError, match="what an event sets is a number; this is a list"):
-        run(tmp_path, part, FREE.format(J="1 kg*m**2, 2 kg*m**2, 3 kg*m**2", initial=""))
+def stopped(new: str) -> str:
+    """The top with an event at 1 s."""
+    return TOP.replace("parameters:\n", "parameters:\n  t_s: {unit: s, default: 1 s, doc: time}\n") + \
+        f"when:\n  stop: {{at: t_s, then: {new}}}\n"
+
+
+@pytest.mark.parametrize(("new", "code", "said"), [
+    ("{w: 0}", "reset-no-state", r"sets 'top.w\[1\]', which is no state"),
+    ("{L: '2*L[1]'}", "list-length", "the target and its new value are")])
+def test_mistakes_of_an_event_that_sets_a_list(tmp_path: Path, new: str, code: str, said: str) -> None:
+    """Of a list, an event sets each element, which is a state; only zero stands for a list of the same length."""
+    with pytest.raises(HeavebondError, match=said) as caught:
+        run(tmp_path, stopped(new), FREE.format(J="1 kg*m**2, 2 kg*m**2, 3 kg*m**2", initial=""))
+    assert {p.code for p in caught.value.problems} == {code}
+
+
+def test_an_event_sets_each_element_of_a_list(tmp_path: Path) -> None:
+    initial = '"top.w[1]": 1 rad/s, "top.w[2]": 2 rad/s, "top.w[3]": 3 rad/s'
+    result = run(tmp_path, stopped("{L: 0}"), FREE.format(J="1 kg*m**2, 2 kg*m**2, 3 kg*m**2", initial=initial))
+    before, after = (int(np.searchsorted(result.time, t)) for t in (0.9, 1.1))
+    # the momentum of free rotation is constant, sqrt(1 + 16 + 81) N m s; the run has a relative tolerance of 1e-8
+    assert result.si["momentum"][before] == pytest.approx(98**0.5, rel=1e-6)
+    assert [result.si[f"top.L[{i}]"][after] for i in (1, 2, 3)] == [0.0, 0.0, 0.0]
 
 
 def test_the_ports_of_an_array_are_a_vector(tmp_path: Path) -> None:
