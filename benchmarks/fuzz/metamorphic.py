@@ -14,7 +14,7 @@ import heavebond as hb
 from benchmarks.fuzz.relations import RELATIONS, Same
 from benchmarks.fuzz.sheets import Sheet, sheet
 from benchmarks.fuzz.trying import output_times
-from heavebond.core.errors import HeavebondError
+from heavebond.core.errors import HeavebondError, SimulationError
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.idas import Tolerances
 from heavebond.numerics.result import Probe, Result
@@ -122,7 +122,10 @@ def write(same: Same, path: Path) -> Path:
 def _beside(reference: Reference, same: Same, path: Path, relation: str) -> Compared:
     assembly = hb.assemble(hb.load(write(same, path)))
     names = {n: other for n in reference.names if (other := same.name(n)) is not None}
-    result = run(assembly, reference.times, TIGHTER)
+    try:
+        result = run(assembly, reference.times, TIGHTER)
+    except SimulationError:  # so tight that rounding decides whether a stiff machine passes; of other words it rounds otherwise
+        result = run(assembly, reference.times, TIGHTER / 2)
     return difference(reference, signals(result, names), relation, result)
 
 
