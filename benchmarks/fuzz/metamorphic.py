@@ -124,7 +124,7 @@ def _beside(reference: Reference, same: Same, path: Path, relation: str) -> Comp
     names = {n: other for n in reference.names if (other := same.name(n)) is not None}
     try:
         result = run(assembly, reference.times, TIGHTER)
-    except SimulationError:  # so tight that rounding decides whether a stiff machine passes; of other words it rounds otherwise
+    except SimulationError:  # at so tight a tolerance, rounding decides whether a stiff machine runs
         result = run(assembly, reference.times, TIGHTER / 2)
     return difference(reference, signals(result, names), relation, result)
 
