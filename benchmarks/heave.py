@@ -68,13 +68,13 @@ class Heave:
                                   {"reltol": TOLERANCES.rtol, "abstol": TOLERANCES.atol, "max_num_steps": 10**6})
         assembly = hb.assemble(hb.load(DIAGRAM)).with_parameters({"K_p": gain})
         self.simulator, self.assembly = self.simulated(assembly), assembly
-        dae = self.simulator.integrand.dae
+        made = self.simulator.integrand
         # compiled, as that of the simulator is after some runs
         self.same = (with_compiled_equations if compiler() else lambda make: make({}))(lambda more: ca.integrator(
-            "same", "idas", dae, 0, times, {**integrator_options(dae, TOLERANCES), **more}))
+            "same", "idas", made.dae, 0, times, {**integrator_options(made.dae, TOLERANCES, made.smallest_pivot), **more}))
         first = self.simulator.run()
         self.x0 = first.x[:, 0] / assembly.x_nominal
-        self.p = self.simulator.integrand.hoist(first.p, np.zeros((len(first.p), 0)))
+        self.p = made.hoist(first.p, np.zeros((len(first.p), 0)))
 
     def simulated(self, assembly: hb.Assembly, solver: str = "idas", tolerances: Tolerances = TOLERANCES) -> hb.Simulator:
         """A simulator of the diagram by a solver."""

@@ -68,3 +68,16 @@ equations: |
 when:
   peak: {condition: x > level, then: {n: n + 1}}
 """
+
+# K G(z) of 2/(s (s + 1)(s + 2)) with a zero-order hold of 50 ms
+SAMPLED_LOOP = """
+model: sampled_loop
+components:
+  e: {is: Sum, k_1: 1, k_2: -1, u_1: "=if_else(time < 0.1 s, 0, 1)"}
+  h: {is: SampleHold, T_s: 50 ms}
+  k: {is: Gain, k: 2.70}
+  g: {is: TransferFunction, b: [0, 0, 0, 2], a: [1, 3, 2, 0]}
+nodes: {e: [e.y, h.u], h: [h.y, k.u], u: [k.y, g.u], y: [g.y, e.u_2]}
+show: {y: {is: g.y, unit: 1}}
+simulate: {until: 200 s, every: 50 ms}
+"""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagrams import SAMPLED_LOOP
 
 import heavebond as hb
 from heavebond.cli import main
@@ -16,17 +17,6 @@ from heavebond.numerics.dae import assemble
 from heavebond.optimise.objective import Objective, tuning_task
 from heavebond.optimise.tuning import tune
 
-SAMPLED_LOOP = """
-model: sampled_loop
-components:
-  e: {is: Sum, k_1: 1, k_2: -1, u_1: "=if_else(time < 0.1 s, 0, 1)"}
-  h: {is: SampleHold, T_s: 50 ms}
-  k: {is: Gain, k: 2.70}
-  g: {is: TransferFunction, b: [0, 0, 0, 2], a: [1, 3, 2, 0]}
-nodes: {e: [e.y, h.u], h: [h.y, k.u], u: [k.y, g.u], y: [g.y, e.u_2]}
-show: {y: {is: g.y, unit: 1}}
-simulate: {until: 200 s, every: 50 ms}
-"""
 SAMPLED_POSITION = """
 model: sampled_position
 components:

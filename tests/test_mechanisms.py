@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 import heavebond as hb
 from heavebond.energy.audit import audit
-from heavebond.numerics.dynamic_state_selection import STATE_SELECTION, StateChoices, columns_of
+from heavebond.numerics.dynamic_state_selection import STATE_SELECTION, StateChoices
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.text.expression import parse_formula
@@ -247,4 +247,4 @@ simulate: {until: 5 s, every: 5 ms}
     wanted = [found.time[np.argmax(angle > np.pi + 2 * np.pi * k)] for k in range(int(angle[-1] / 2 / np.pi + 0.5))]
     assert [t for t, _ in found.events] == pytest.approx(wanted, abs=0.005)
     assert found["bob.turns"][-1] == len(wanted)
-    assert columns_of(found.instants[0].before)[0].shape == (1, 1)
+    assert found.instants[0].before.columns()[0].shape == (1, 1)

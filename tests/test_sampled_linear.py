@@ -8,6 +8,7 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
+from diagrams import SAMPLED_LOOP
 from scipy.linalg import expm
 
 import heavebond as hb
@@ -20,18 +21,6 @@ from heavebond.linear.stability import MARGINAL, STABLE, UNDECIDED, UNSTABLE
 from heavebond.numerics.dae import assemble
 from heavebond.optimise.objective import Objective, tuning_task
 
-# K G(z) of 2/(s (s + 1)(s + 2)) with a zero-order hold of 50 ms
-THIRD_ORDER = """
-model: sampled_loop
-components:
-  e: {is: Sum, k_1: 1, k_2: -1, u_1: "=if_else(time < 0.1 s, 0, 1)"}
-  h: {is: SampleHold, T_s: 50 ms}
-  k: {is: Gain, k: 2.70}
-  g: {is: TransferFunction, b: [0, 0, 0, 2], a: [1, 3, 2, 0]}
-nodes: {e: [e.y, h.u], h: [h.y, k.u], u: [k.y, g.u], y: [g.y, e.u_2]}
-show: {y: {is: g.y, unit: 1}}
-simulate: {until: 200 s, every: 50 ms}
-"""
 POSITION = """
 model: sampled_position
 parameters: {K: 20 N/m}
@@ -123,7 +112,7 @@ def _ordered(poles: np.ndarray) -> np.ndarray:
 
 def test_the_margins_of_a_loop_with_a_sample_and_hold_are_those_of_its_z_transform(tmp_path: Path):
     """The hold was a constant: "in no loop", and the stability that of the open loop. Gain margin 2.793/2.7 = 1.034."""
-    file = _file(THIRD_ORDER, tmp_path)
+    file = _file(SAMPLED_LOOP, tmp_path)
     loop = 2.7 * control.sample_system(control.tf([2], [1, 3, 2, 0]), 0.05)
     for signal in ("y", "e", "u"):  # read by a sample, held by one, and an algebraic multiple of that
         found = hb.loop_margins(hb.load(file), signal)
@@ -192,7 +181,7 @@ def test_fifty_random_loops_have_the_poles_and_margins_of_python_control(tmp_pat
 
 
 def _largest_with_delay(delay: float, gain: float) -> float:
-    """The largest |z| of the loop of THIRD_ORDER with a delay of n periods and a rest in it, by x+ = P x +
+    """The largest |z| of the loop of SAMPLED_LOOP with a delay of n periods and a rest in it, by x+ = P x +
     G_1 u(k - n - 1) + G_0 u(k - n)."""
     model = control.ss(control.tf([2 * gain], [1, 3, 2, 0]))
     whole, rest = int(delay // 0.05), delay % 0.05
@@ -216,7 +205,7 @@ def _largest_with_delay(delay: float, gain: float) -> float:
 @pytest.mark.parametrize("gain", [2.70, 0.9])
 def test_the_delay_margin_of_a_sampled_loop_holds_between_whole_periods(gain: float, tmp_path: Path):
     """The phase margin over its frequency is a delay of whole periods only."""
-    file = _file(THIRD_ORDER, tmp_path)
+    file = _file(SAMPLED_LOOP, tmp_path)
     loop = loops(hb.load(file), "e").at({"k.k": gain})
     margin = crossings(open_loop(loop), loop.stability()).least_delay.value
 
@@ -412,7 +401,7 @@ def test_a_discrete_state_space_states_its_period_wherever_it_goes(tmp_path: Pat
 
 
 def test_a_root_locus_finds_the_gain_limit_of_a_sampled_loop(tmp_path: Path):
-    found = hb.root_locus(hb.load(_file(THIRD_ORDER, tmp_path)), "k.k", "0.5 .. 4", points=15)
+    found = hb.root_locus(hb.load(_file(SAMPLED_LOOP, tmp_path)), "k.k", "0.5 .. 4", points=15)
     limit, = found.limits
     assert limit == pytest.approx(2.7 * 1.0343652596, rel=1e-6)
     assert found.periods == pytest.approx(0.05) and found.stability[0].verdict == STABLE
@@ -467,7 +456,7 @@ def test_periods_without_a_short_common_multiple_are_refused_with_advice(tmp_pat
 
 def test_a_loop_cannot_be_cut_between_the_samples(tmp_path: Path):
     """Behind a lag the signal is neither sampled nor held: L(z) does not exist there."""
-    text = THIRD_ORDER.replace("u: [k.y, g.u]", "u: [k.y, l.u], w: [l.y, g.u]").replace(
+    text = SAMPLED_LOOP.replace("u: [k.y, g.u]", "u: [k.y, l.u], w: [l.y, g.u]").replace(
         "  g: {is", "  l: {is: FirstOrderLag, T_1: 20 ms}\n  g: {is")
     file = _file(text, tmp_path)
     with pytest.raises(UsageError, match="neither read by sampled blocks alone") as caught:

@@ -25,7 +25,8 @@ import numpy as np
 
 import heavebond as hb
 from benchmarks.diagnosis import keeping, reliability
-from benchmarks.diagnosis.cluttered import Drawn, alike, drawn
+from benchmarks.diagnosis.cluttered import Drawn, drawn
+from benchmarks.diagnosis.drawing import alike
 from benchmarks.diagnosis.machines import MACHINES, Machine
 from benchmarks.diagnosis.measured import count_processor_time
 from heavebond.core.cancellation import Budget
@@ -112,9 +113,9 @@ def evidence_of(case: Drawn, step: Stage, known: Evidence, answer: Diagnosis) ->
     """What the probabilities of all branches are computed from, at each temperature, and which of them are true.
 
     `laws`: for each law the numbers of its branches from the level `system` down, whether they are true (1 or 0 for each),
-    how the law matches (see `_match`), whether it is outside the catalogue, and its weights. `values`: the weights of other
-    values of what is held fixed; `flexible`: those of identified curves relative to all effects. `nothing` is true where no
-    effect dominates, or one that acts as another value."""
+    how the law matches (see `_match`), whether it is outside the catalogue, and its weights. `values`: the weights of wrong
+    values of parameters that the diagram holds fixed. `flexible`: the weights of the identified curves relative to the
+    weights of all effects. `nothing` is true if no effect dominates, or if the dominant effect acts as a wrong value."""
     candidates = {c.label: c for c in (*(s.candidate for s in step.scores), *(t.candidate for t in step.trials))}
     table: dict[tuple[object, ...], _Law] = {}
     values = np.zeros(len(GRID))

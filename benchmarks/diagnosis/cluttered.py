@@ -20,15 +20,23 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from scipy.optimize import lsq_linear
 
-import heavebond as hb
-from benchmarks.diagnosis.drawing import ATTEMPTS, GIVEN, TAKEN, LibraryWithout, T, numbers_at, without
+from benchmarks.diagnosis.drawing import (
+    ATTEMPTS,
+    GIVEN,
+    TAKEN,
+    LibraryWithout,
+    T,
+    alike,
+    experiment_of,
+    numbers_at,
+    without,
+    write_records,
+)
 from benchmarks.diagnosis.machines import NOISE, Machine
 from benchmarks.diagnosis.making import QUICK, TIGHT, generator
 from heavebond.core.errors import HeavebondError, SimulationError
-from heavebond.core.units import parse_range
 from heavebond.diagnosis.candidates.catalogue import Candidate, quantity
 from heavebond.diagnosis.candidates.fixed_values import fixed_values
 from heavebond.diagnosis.candidates.places import Places, between_all_nodes, named_apart
@@ -36,7 +44,7 @@ from heavebond.diagnosis.candidates.varying import BY_RECORD, varying_parameters
 from heavebond.diagnosis.search.base_model import Base, searched
 from heavebond.diagnosis.search.scoring import scored
 from heavebond.diagnosis.search.step import UNKNOWN
-from heavebond.estimation.experiment import Experiment, Free, changed_experiment
+from heavebond.estimation.experiment import Experiment, changed_experiment
 from heavebond.estimation.residuals import Run
 from heavebond.language.edits import Change
 from heavebond.language.library import same_class
@@ -120,15 +128,6 @@ class Drawn:
         return self.effect is not None and alike(self.effect, other, places)
 
 
-def alike(effect: Candidate, other: Candidate, places: Places) -> bool:
-    """Whether a candidate is of the class of an effect at its place, or a special case of the class there."""
-    mine, its = places.place(effect), places.place(other)
-    if other.kind == effect.kind:
-        return mine == its
-    # leakage between two chambers is internal leakage of the cylinder, which has more nodes
-    return same_class(other.kind, effect.kind) and mine[0] == its[0] and (mine[1] <= its[1] or its[1] <= mine[1])
-
-
 def drawn(machine: Machine, number: int, folder: Path) -> Drawn:
     """The case of this number; SimulationError where no draw of it can be simulated."""
     hidden = str(generator("dominant", machine.name, number).choice(list(SHARES), p=list(SHARES.values())))
@@ -158,8 +157,8 @@ class _Case:
         self.records = {f"record_{k}": use for k, use in enumerate(uses)}
         self.inputs = {name: machine.excitation(rng)(machine.time) for name in self.records}
         self.input_noise = {name: rng.standard_normal(machine.samples) for name in self.records}
-        self._write("true", self.inputs, dict.fromkeys(self.records))
-        self.true = self._experiment("true", dict.fromkeys(self.records, "fit"), dict.fromkeys(machine.outputs, 1.0))
+        write_records(machine, folder / "true", self.inputs, dict.fromkeys(self.records))
+        self.true = self._fitted("true", dict.fromkeys(machine.outputs, 1.0))
         self.sheet = {f.name: f.range.nominal for f in self.true.free.values() if f.range.nominal is not None}
         self.values = {name: nominal * (1 + TAKEN * rng.uniform(-1, 1) * machine.free[name] / 100)
                        for name, nominal in self.sheet.items()}
@@ -168,10 +167,10 @@ class _Case:
         if not np.all(spread > 0):
             raise _Unfit
         self.noise = NOISE * spread * np.exp(rng.uniform(np.log(NOISY[0]), np.log(NOISY[1]), len(spread)))
-        self._write("true", self.inputs, self.base)
+        write_records(machine, folder / "true", self.inputs, self.base)
         given = dict(zip(machine.outputs, self.noise.tolist(), strict=True))
         model = self.true.model.with_parameters(self.values)
-        problem = searched(replace(self._experiment("true", dict.fromkeys(self.records, "fit"), given), model=model))
+        problem = searched(replace(self._fitted("true", given), model=model))
         self.reference = Base.at(problem, problem.start)
         apart = named_apart(self.true, _Everything())
         near = {c.label for c in apart} - {c.label for c in between_all_nodes(self.true)}
@@ -179,27 +178,9 @@ class _Case:
         variations = [c for c in varying_parameters(problem, problem.start).candidates if not c.change.each]
         self.laws = [[c for c in laws if c.label in near] + variations, [c for c in laws if c.label not in near]]
 
-    # -- files ------------------------------------------------------------------------------------------
-    def _experiment(self, name: str, uses: Mapping[str, str], noise: Mapping[str, float], of_input: float = 0.0
-                    ) -> Experiment:
-        path = self.folder / name / "case.yaml"
-        path.write_text(self.machine.experiment(uses, noise, of_input), encoding="utf-8")
-        made = hb.load_experiment(path)
-        run = Run(made, next(iter(made.records.values())), [], QUICK)
-        known, free = run.assembly.parameter_values, {}
-        for parameter, tolerance in self.machine.free.items():
-            unit = next(q.unit.text for q in run.assembly.flat.parameters if q.name == parameter)
-            bounds = parse_range(f"{known[parameter]:.9g}{'' if unit == '1' else f' {unit}'} +- {tolerance} %")
-            free[parameter] = Free(parameter, bounds, made.records["record_0"].place)
-        return replace(made, free=free)
-
-    def _write(self, folder: str, inputs: Mapping[str, Array], channels: Mapping[str, Array | None]) -> None:
-        (self.folder / folder).mkdir(exist_ok=True)
-        for name, y in channels.items():
-            columns = {"time": self.machine.time, "input": inputs[name]}
-            for k in range(len(self.machine.outputs)):
-                columns[f"channel_{k}"] = y[k] if y is not None else np.zeros(self.machine.samples)
-            pd.DataFrame(columns).to_csv(self.folder / folder / f"{name}.csv", index=False, float_format="%.10g")
+    def _fitted(self, folder: str, noise: Mapping[str, float]) -> Experiment:
+        """The experiment in a folder, with all its records fitted."""
+        return experiment_of(self.machine, self.folder / folder, dict.fromkeys(self.records, "fit"), noise)
 
     # -- simulation and misfit ------------------------------------------------------------------------------------------
     def _channels(self, altered: Alteration, tolerances: Tolerances = QUICK, experiment: Experiment | None = None
@@ -227,9 +208,8 @@ class _Case:
         """What the free parameters within their ranges cannot imitate, in noise variances per sample."""
         base = self.base
         if altered.noise:
-            self._write("recorded", self._recorded(altered.noise), dict.fromkeys(self.records))
-            base = self._channels(Alteration(), QUICK, self._experiment(
-                "recorded", dict.fromkeys(self.records, "fit"), dict.fromkeys(self.machine.outputs, 1.0)))
+            write_records(self.machine, self.folder / "recorded", self._recorded(altered.noise), dict.fromkeys(self.records))
+            base = self._channels(Alteration(), QUICK, self._fitted("recorded", dict.fromkeys(self.machine.outputs, 1.0)))
         y = self._channels(altered)
         runs, problem = self.reference.problem.runs, self.reference.problem
         s = np.concatenate([((y[run.record.name] - base[run.record.name]) / self.noise[:, None])[run.counts]
@@ -407,11 +387,12 @@ class _Case:
             noisy = y + self.noise[:, None] * rng.standard_normal(y.shape)
             wide = np.where(step > 0, step, 1.0)[:, None]
             measured[name] = np.where(step[:, None] > 0, np.round(noisy / wide) * wide, noisy)
-        self._write("case", self._recorded(whole.noise), measured)
+        write_records(self.machine, self.folder / "case", self._recorded(whole.noise), measured)
         given = rng.random() < GIVEN
         rms = np.hypot(self.noise, step / 12**0.5)
         shown = dict(zip(self.machine.outputs, rms.tolist(), strict=True)) if given else {}
-        experiment = self._experiment("case", self.records, shown, whole.noise if given and rng.random() < 0.5 else 0.0)
+        of_input = whole.noise if given and rng.random() < 0.5 else 0.0
+        experiment = experiment_of(self.machine, self.folder / "case", self.records, shown, of_input)
         effect = dominant.effect if dominant is not None else None
         if self.hidden == "other law" and effect is not None:
             struck |= {effect.component}

@@ -68,13 +68,16 @@ class Drawn:
 
     def matches(self, other: Candidate, places: Places) -> bool:
         """Whether a candidate is what is hidden: it, its class at its place, or a special case of the class there."""
-        if self.effect is None:
-            return False
-        mine, its = places.place(self.effect), places.place(other)
-        if other.kind == self.effect.kind:
-            return mine == its
-        # leakage between two chambers is internal leakage of the cylinder, which has more nodes
-        return same_class(other.kind, self.effect.kind) and mine[0] == its[0] and (mine[1] <= its[1] or its[1] <= mine[1])
+        return self.effect is not None and alike(self.effect, other, places)
+
+
+def alike(effect: Candidate, other: Candidate, places: Places) -> bool:
+    """Whether a candidate is of the class of an effect at its place, or a special case of the class there."""
+    mine, its = places.place(effect), places.place(other)
+    if other.kind == effect.kind:
+        return mine == its
+    # leakage between two chambers is internal leakage of the cylinder, which has more nodes
+    return same_class(other.kind, effect.kind) and mine[0] == its[0] and (mine[1] <= its[1] or its[1] <= mine[1])
 
 
 def drawn(machine: Machine, number: int, folder: Path) -> Drawn:
@@ -98,7 +101,7 @@ class _Case:
         uses = USES[int(rng.choice(3, p=RECORDS))]
         self.records = {f"record_{k}": use for k, use in enumerate(uses)}
         self.inputs = {name: machine.excitation(rng)(machine.time) for name in self.records}
-        self._write(dict.fromkeys(self.records))
+        write_records(machine, folder, self.inputs, dict.fromkeys(self.records))
         self.base = self._experiment(dict.fromkeys(machine.outputs, 1.0))
         self.values = {} if self.hidden in ("nothing", "fixed") and rng.random() < 0.5 else {
             f.name: f.range.nominal * (1 + TAKEN * rng.uniform(-1, 1) * machine.free[f.name] / 100)
@@ -107,23 +110,7 @@ class _Case:
             self.values = {}
 
     def _experiment(self, noise: Mapping[str, float]) -> Experiment:
-        path = self.folder / "case.yaml"
-        path.write_text(self.machine.experiment(self.records, noise), encoding="utf-8")
-        made = hb.load_experiment(path)
-        run = Run(made, next(iter(made.records.values())), [], QUICK)
-        known, free = run.assembly.parameter_values, {}
-        for name, tolerance in self.machine.free.items():
-            unit = next(q.unit.text for q in run.assembly.flat.parameters if q.name == name)
-            bounds = parse_range(f"{known[name]:.9g}{'' if unit == '1' else f' {unit}'} +- {tolerance} %")
-            free[name] = Free(name, bounds, made.records["record_0"].place)
-        return replace(made, free=free)
-
-    def _write(self, channels: Mapping[str, Array | None]) -> None:
-        for name, y in channels.items():
-            columns = {"time": self.machine.time, "input": self.inputs[name]}
-            for k in range(len(self.machine.outputs)):
-                columns[f"channel_{k}"] = y[k] if y is not None else np.zeros(self.machine.samples)
-            pd.DataFrame(columns).to_csv(self.folder / f"{name}.csv", index=False, float_format="%.10g")
+        return experiment_of(self.machine, self.folder, self.records, noise)
 
     def _clean(self, experiment: Experiment, values: Mapping[str, float], tolerances: Tolerances) -> dict[str, Array]:
         """The channels (channels, N) of all records of a machine with these values."""
@@ -137,7 +124,8 @@ class _Case:
         return found
 
     def _measured(self, clean: Mapping[str, Array], noise: Array) -> None:
-        self._write({name: y + noise[:, None] * self.rng.standard_normal(y.shape) for name, y in clean.items()})
+        noisy = {name: y + noise[:, None] * self.rng.standard_normal(y.shape) for name, y in clean.items()}
+        write_records(self.machine, self.folder, self.inputs, noisy)
 
     def case(self) -> Drawn:
         base = self._clean(self.base, self.values, TIGHT)
@@ -224,6 +212,32 @@ class _Case:
         """What free parameters do not take of the difference on the fitted record, in noise variances per sample."""
         s = ((base["record_0"] - clean["record_0"]) / noise[:, None])[reference.problem.runs[0].counts]
         return float(np.mean(reference.split(s)[0] ** 2))
+
+
+def experiment_of(machine: Machine, folder: Path, uses: Mapping[str, str], noise: Mapping[str, float], of_input: float = 0.0
+                  ) -> Experiment:
+    """The experiment on the records in a folder, written there as case.yaml, with the free parameters within their
+    tolerances."""
+    path = folder / "case.yaml"
+    path.write_text(machine.experiment(uses, noise, of_input), encoding="utf-8")
+    made = hb.load_experiment(path)
+    run = Run(made, next(iter(made.records.values())), [], QUICK)
+    known, free = run.assembly.parameter_values, {}
+    for name, tolerance in machine.free.items():
+        unit = next(q.unit.text for q in run.assembly.flat.parameters if q.name == name)
+        bounds = parse_range(f"{known[name]:.9g}{'' if unit == '1' else f' {unit}'} +- {tolerance} %")
+        free[name] = Free(name, bounds, made.records["record_0"].place)
+    return replace(made, free=free)
+
+
+def write_records(machine: Machine, folder: Path, inputs: Mapping[str, Array], channels: Mapping[str, Array | None]) -> None:
+    """Write the input and the channels (channels, N) of each record; channels that are not known yet (None) as zeros."""
+    folder.mkdir(exist_ok=True)
+    for name, y in channels.items():
+        columns = {"time": machine.time, "input": inputs[name]}
+        for k in range(len(machine.outputs)):
+            columns[f"channel_{k}"] = y[k] if y is not None else np.zeros(machine.samples)
+        pd.DataFrame(columns).to_csv(folder / f"{name}.csv", index=False, float_format="%.10g")
 
 
 def numbers_at(score: Score, step: float) -> dict[str, float]:

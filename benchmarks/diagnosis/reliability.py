@@ -64,8 +64,8 @@ def masses(row: Row, constants: Calibration) -> tuple[Array, float]:
 
 
 def levels(row: Row, constants: Calibration) -> dict[str, Level]:
-    """The branches at each level, as the tree of the answer has them: a branch below 1 % counts as "another", which is true
-    where what is above it is true and no branch beside it."""
+    """The branches at each level, as the tree of the answer has them: branches below 1 % count together, as
+    "another". This one is true if the branch above it is true and none of the listed branches below that."""
     p, none = masses(row, constants)
     found: dict[str, Level] = {}
     above: dict[int, tuple[float, bool]] = {-1: (1.0, True)}

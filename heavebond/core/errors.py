@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from heavebond.core.limits import PROBLEMS_SHOWN
@@ -210,8 +210,12 @@ def nearest(word: str, candidates: Iterable[str]) -> str | None:
 
 def either(words: Iterable[str], joint: str = "and") -> str:
     """`'a', 'b' and 'c'`."""
-    quoted = [f"'{word}'" for word in words]
-    return f" {joint} ".join([", ".join(quoted[:-1]), quoted[-1]] if len(quoted) > 1 else quoted)
+    return joined([f"'{word}'" for word in words], joint)
+
+
+def joined(words: Sequence[str], joint: str = "and") -> str:
+    """`a, b and c`."""
+    return f" {joint} ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def listing(words: Iterable[str], limit: int = 12) -> str:

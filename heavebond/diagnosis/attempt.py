@@ -56,15 +56,18 @@ def attempt(experiment: ExperimentOrFile, component: str, places: Sequence[str] 
     distant = [c for c in between_all_nodes(experiment) if set(c.where) <= set(places)]
     varies = any(c.name == component and c.effect is not None and "parameter" in c.effect.attaches
                  for c in experiment.model.library.effects())
-    base: Fit | None = None
+
+    def fitted() -> Fit | None:
+        return fit(experiment, progress=say) if experiment.free else None
+
+    base = fitted() if varies else None
     if varies:  # which parameters move the channels, and which variables move, is seen in the fitted model
-        base = fit(experiment, progress=say) if experiment.free else None
         problem = searched(at_fit(experiment, base))
         found = list(varying_parameters(problem, problem.start).candidates)
     else:
         found = [*candidates(experiment), *distant, *values]
     chosen = _named(found, component, places)
-    base = fit(experiment, progress=say) if experiment.free and base is None else base
+    base = base if varies else fitted()
     rungs = first_entries(experiment, base)
     made = single(at_fit(experiment, base), chosen, say)
     if made.chosen is None and not made.trials:

@@ -91,9 +91,9 @@ class State:
     reviews: for each step, the step in which its effect was sought again beside all others;
     confirming: the fits to all samples. values: fixed values that the records cannot distinguish from the findings;
     value_step: the step of all fixed values; shape: the identified curve in place of a name; adequacy, remainder: see
-    `evidence.flexible_laws`; localization: see `localise`; differences: sentences on
-    parameters with another value in a held-out record. verdict, separation: see `Diagnosis`. untried: parts of the
-    search that were not completed; ended: the phases that were ended early.
+    `evidence.flexible_laws`; localization: see `localise`; differences: sentences on parameters with another value in a
+    held-out record. verdict, separation: see `Diagnosis`. untried: parts of the search that were not completed; ended: the
+    phases that were ended early.
     """
 
     given: Experiment

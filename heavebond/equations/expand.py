@@ -17,7 +17,7 @@ from heavebond.language.lists import lengths, short, written_out, written_size
 from heavebond.language.model import Model
 from heavebond.language.sections import Setting
 from heavebond.language.values import bounds_text, check_bounds, check_dimension
-from heavebond.text.expression import Name, Number, constant
+from heavebond.text.expression import Expr, Name, Number, constant
 from heavebond.text.shapes import whole_number
 
 DEEPEST_BLOCK = 20
@@ -229,11 +229,14 @@ class _Opener:
 
     def _passes_through(self, instance: Instance, component: Component, path: str) -> bool:
         """Whether all delays of a component are plain zeros."""
-        lengths = [delayed.by.tree for delayed in component.delayed.values()]
-        settings = [self.model.settings.get(f"{path}.{tree.text}") for tree in lengths if isinstance(tree, Name)]
-        values = [instance.settings.get(tree.text) if own is None else own.value
-                  for tree, own in zip((t for t in lengths if isinstance(t, Name)), settings, strict=True)]
-        return len(values) == len(lengths) and all(isinstance(v, Value) and constant(v.expr) == 0 for v in values)
+        def is_zero(length: Expr) -> bool:
+            if not isinstance(length, Name):
+                return False
+            own = self.model.settings.get(f"{path}.{length.text}")
+            value = instance.settings.get(length.text) if own is None else own.value
+            return isinstance(value, Value) and constant(value.expr) == 0
+
+        return all(is_zero(delayed.by.tree) for delayed in component.delayed.values())
 
     def _approximated(self, instance: Instance, component: Component, prefix: str, outer: dict[str, int],
                       kinds: tuple[str, ...], sheets: tuple[DataSheet, ...]) -> None:

@@ -144,8 +144,8 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
         raise ModelError([Problem("export-fmu", f"a diagram with an FMU in it cannot be exported: {listing(parts, 3)}",
                                   assembly.flat.expanded.leaves[next(iter(parts))].place, "Leave the FMU out, and name what "
                                   "it drives as an input (`--input`).")])
-    if not events and all(event.by_clock for event in assembly.flat.events):
-        assembly = build(reduce(unclocked(assembly.flat))) if assembly.flat.events else assembly
+    if not events and assembly.flat.events and all(event.by_clock for event in assembly.flat.events):
+        assembly = build(reduce(unclocked(assembly.flat)))
     events = events or bool(assembly.flat.events)
     if any(event.impulse for event in assembly.flat.events) and (turned := yielding(assembly.reduced)):
         raise ModelError([Problem("export-impact", f"an impact may set off {listing(turned, 3)} at once, which an "

@@ -20,7 +20,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -29,7 +28,6 @@ from heavebond.core.presentation import brief, count
 from heavebond.core.units import dimension_text, read_unit
 from heavebond.equations.flatten import flatten
 from heavebond.language.model import Model, ModelOrFile, loaded
-from heavebond.language.symbols import stack
 from heavebond.linear.disturbance import inner_name
 from heavebond.linear.held_variables import HeldVariable, undecided_reasons
 from heavebond.linear.linearisation import Linear, Linearisation
@@ -434,7 +432,6 @@ class StateSpaces:
         plain = OperatingPoints(model, at, also=also, approximate=approximate)
         self.approximated = plain.assembly.flat.expanded.approximated
         self._exact: StateSpaces | None = None
-        self._delays: ca.Function | None = None
         if self.approximated:
             self._with_delays(model, at)
         known = plain.assembly.parameter_names
@@ -454,19 +451,15 @@ class StateSpaces:
     def _with_delays(self, model: Model, at: Time | None) -> None:
         """The same system with the delayed variables among its inputs and their sources among its outputs."""
         flat = flatten(replace(model, ends=None))
-        sources = [f"{d.name.rpartition('.')[0]}.{flat.expanded.leaves[path].component.delayed[name].of}"
-                   for d in flat.delays for path, _, name in (d.name.rpartition("."),)]
+        sources = []
+        for d in flat.delays:
+            path, _, name = d.name.rpartition(".")
+            sources.append(f"({path}.{flat.expanded.leaves[path].component.delayed[name].of})")
         self._exact = StateSpaces(model, [*self.inputs, *(f"history.{d.name}" for d in flat.delays)],
-                                  [*self.outputs, *(f"({name})" for name in sources)], at, approximate=False)
-        own = self._exact.points.assembly.flat
-        self._delays = ca.Function("delays", [own.p], [stack(d.delay for d in own.delays)])
+                                  [*self.outputs, *sources], at, approximate=False)
 
     def at(self, parameters: Mapping[str, float | str] | None = None) -> StateSpace:
         """The linear system with these parameters set."""
-        exact = None
-        if self._exact is not None and self._delays is not None:
-            around = self._exact.at(parameters)
-            exact = DelayedSystem(around, np.array(self._delays(around.point.p)).ravel())
         point = self.points.at(parameters)
         linear, updates = self._linearisation.continuous(point)
         sampled = 2 * updates.number if updates is not None else 0
@@ -485,6 +478,10 @@ class StateSpaces:
         through = np.asarray(b[1:].any(axis=0))
         b_0, d_all = _without_derivatives(linear, b, d)
         if updates is None:
+            exact = None
+            if self._exact is not None:
+                around, flat = self._exact.at(parameters), self._exact.points.assembly.flat
+                exact = DelayedSystem(around, np.array(flat.delay_lengths(around.point.p)).ravel()[:len(flat.delays)])
             return StateSpace(linear.states, self.inputs, self.outputs, self._units, linear.a, b_0, linear.c, d_all[0],
                               d_all[1:3], linear.sizes, point, self._shown, linear.rigid, linear.held, exact)
         improper = np.flatnonzero(d_all[1:].any(axis=(0, 1)) | through[[t for t in updates.target if t < n]].any(axis=0))

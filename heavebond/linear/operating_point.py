@@ -131,7 +131,7 @@ class OperatingPoints:
         loop are at rest where they set what they set to the value that it has."""
         first = point = _still(assembly, self.equations, start_point(start(assembly, self.begin, u, self.equations), u))
         held = [h.index for h in assembly.flat.held]
-        updates = Linearisation(assembly).updates(first) if held else None
+        updates = assembly.once("linearisation", lambda: Linearisation(assembly)).updates(first) if held else None
         if updates is not None and (rest := updates.at_rest(first, self.equations.bounds)) is not None:
             others = [index for index in held if index not in updates.indices]
             if np.allclose(self._events.after(rest).p[others], rest.p[others], EVENT_ROUNDING, 0.0):

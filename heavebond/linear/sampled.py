@@ -227,13 +227,14 @@ def discretised(system: Hybrid, begin: float | None = None, given: Input = Input
     queue = [(time, start[n + m * (j + 1):n + m * (j + 2)]) for j, time in enumerate(pending)]
     values = [np.eye(m, width, n + stored + j * m) for j in range(number)]
     out = np.zeros((number * k, width))
-    steps: list[tuple[float, int, int]] = [(time, 1, i) for i, (time, _) in enumerate(system.instants_from(begin))]
+    instants = system.instants_from(begin)
+    steps: list[tuple[float, int, int]] = [(time, 1, i) for i, (time, _) in enumerate(instants)]
     steps += [(time, 2, j) for j, time in enumerate(given.times)]
     steps += [(time, 0, j) for j, (time, _) in enumerate(queue) if time < period - same]
     new = [((time + given.delay), j) for j, time in enumerate(given.times)]
     queue += [(time, values[j]) for time, j in new]
     steps += [(time, 0, len(pending) + i) for i, (time, _) in enumerate(new) if time < period - same]
-    instants, flows, time = system.instants_from(begin), dict[float, tuple[Array, Array]](), 0.0
+    flows, time = dict[float, tuple[Array, Array]](), 0.0
     merged = _merged(steps, same)
     for at, kind, number_of in merged:
         change, time = _flown(system, flows, change, start[:n], current, at - time), at

@@ -100,13 +100,13 @@ class StateChoice:
 
     def folded(self, point: Point) -> bool:
         """Whether the constraints themselves, in whatever states, are about to depend on each other at a point."""
-        numbers = self.numbers(columns_of(point))
+        numbers = self.numbers(point.columns())
         values = [np.linalg.svd(part.matrices(numbers, part.columns)[0], compute_uv=False) for part in self.parts]
         return any(v[-1] < STATE_SELECTION.folded * v[0] for v in values if np.all(np.isfinite(v)))
 
     def better(self, point: Point) -> list[tuple[int, int]] | None:
         """States that suit a point better than those of this chart; None where there are none."""
-        numbers = self.numbers(columns_of(point))[:, 0]
+        numbers = self.numbers(point.columns())[:, 0]
         states = chosen_states(self.constraints, np.where(np.isfinite(numbers), numbers, 0.0), self._asked)
         free = {j for j, order in states if order == 0}
         mine = {j for j, order in self.assembly.reduced.states if order == 0}
@@ -132,7 +132,7 @@ class StateChoice:
     def why(self, other: StateChoice, point: Point) -> str:
         """Why another chart suits a point better, in words."""
         own, others = self.assembly.reduced.states, other.assembly.reduced.states
-        worst, name = self.strain(columns_of(point)).worst[0], self.assembly.reduced.name
+        worst, name = self.strain(point.columns()).worst[0], self.assembly.reduced.name
         gone, new = (listing(name(c) for c in mine if c not in theirs) for mine, theirs in ((own, others), (others, own)))
         grade = f"{worst:.3g} times" if np.isfinite(worst) else "infinitely"
         return f"{new} moves {grade} as much as {gone}, from which it would follow"
@@ -194,8 +194,3 @@ def _moving(assembly: Assembly) -> set[tuple[int, int]]:
 
 def _worst(parts: Sequence[Part], numbers: Array) -> float:
     return float(max((strain(part, numbers[:, None])[0][0] for part in parts), default=0.0))
-
-
-def columns_of(point: Point, times: int = 1) -> list[Array]:
-    """A point as arguments of functions at several points, so many times side by side."""
-    return [np.tile(np.reshape(a, (-1, 1)), (1, times)) for a in point.values()]

@@ -23,7 +23,7 @@ from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem, SimulationError, either
 from heavebond.numerics.dae import DELAY_ROWS, Array, Integrand
 from heavebond.numerics.delays import DELAYS, Delays, Return
-from heavebond.numerics.dynamic_state_selection import STATE_SELECTION, StateChoice, StateChoices, columns_of
+from heavebond.numerics.dynamic_state_selection import STATE_SELECTION, StateChoice, StateChoices
 from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.initialise import Start, Tangent
 from heavebond.numerics.jumps import PointSensitivity
@@ -379,7 +379,7 @@ class EventIntegration:
 
     # -- charts ----------------------------------------------------------------------------------------------------
     def _strain(self, now: EventState) -> float:
-        return float(now.frame.chart.strain(columns_of(self._point(now))).worst[0])
+        return float(now.frame.chart.strain(self._point(now).columns()).worst[0])
 
     def _in_chart(self, now: EventState, times: Array, y: Array, z: Array) -> int:
         """How many of the points lie in the chart before its end."""
@@ -415,7 +415,7 @@ class EventIntegration:
         chart = self.charts.with_states(states)
         if id(chart) not in self._frames:
             self._frames[id(chart)] = self._framed(chart)
-        values = old.values_in(chart, columns_of(point))[:, 0]
+        values = old.values_in(chart, point.columns())[:, 0]
         n_x, moved = len(point.x), self._moved(now)
         if m := now.blocks - 1:
             if self.delays is not None:
@@ -423,7 +423,7 @@ class EventIntegration:
                     "delay-states-change", f"at t = {now.t:.6g} s the run goes on in other states, and it has sensitivities "
                     "and delayed variables", self.delays.delays[0].place, "Approximate the delays without history (for a "
                     "Delay `m: 3`), or run without sensitivities.")])
-            along = old.along_in(chart, columns_of(point, m), moved.x, now.unscaled()[1][:, 1:], now.dp)
+            along = old.along_in(chart, point.columns(m), moved.x, now.unscaled()[1][:, 1:], now.dp)
             moved = replace(moved, x=along[:n_x])
         changed = replace(now, frame=self._frames[id(chart)]).standing(replace(point, x=values[:n_x], z=values[n_x:]), moved)
         settled = self._settled(changed, changed.y[:, None], changed.z[:, None], np.array([now.t]))[:, 0]

@@ -16,7 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from heavebond.numerics.dae import LARGE, SMALLEST_PIVOT, Array, Assembly, Integrand, smallest_pivot
+from heavebond.numerics.dae import LARGE, Array, Assembly, Integrand, smallest_pivot
 from heavebond.numerics.machine_code import Evaluated
 from heavebond.numerics.sparse_jacobian import given_jacobian
 from heavebond.numerics.time_events import same_instant
@@ -174,7 +174,7 @@ def is_large(dae: Mapping[str, ca.SX]) -> bool:
     return bool(dae["x"].numel() + dae["z"].numel() >= LARGE)
 
 
-def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances, pivot: float = SMALLEST_PIVOT) -> dict[str, Any]:
+def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances, pivot: float) -> dict[str, Any]:
     """The options of IDAS for a DAE; a smaller pivot of its Newton matrix is zero."""
     large = is_large(dae)
     return {

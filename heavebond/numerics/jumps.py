@@ -139,7 +139,7 @@ class EventEquations:
 
     def _at_one(self, point: Point, dt: Array, dx: Array, dp: Array, du: Array) -> tuple[Array, Array]:
         """As `_directed`, for m directions (dt (m,), dx (n_x, m), dp (n_p, m), du (n_u, m)) at one point."""
-        return self._directed(_repeated(point, dx.shape[1]), dt[None, :], dx, dp, du)
+        return self._directed(point.columns(dx.shape[1]), dt[None, :], dx, dp, du)
 
     def _updates_at(self, p: Array) -> _CompiledUpdates:
         """The updates with parameters p (n_p,)."""
@@ -171,7 +171,7 @@ class EventEquations:
         """The derivatives (n_r, m) of the new values of the events `fired` along directions, one rank after the other: an
         update reads what others assign with its derivative. `after` are the parameters p after the instant."""
         updates, m = self._updates_at(point.p), moved.x.shape[1]
-        new, d_after, columns = np.zeros((len(self.held), m)), moved.p.copy(), _repeated(point, m)
+        new, d_after, columns = np.zeros((len(self.held), m)), moved.p.copy(), point.columns(m)
         after = np.tile(after[:, None], (1, m))
         for rank in updates.ranks:
             for event, delay in zip(fired, delays, strict=True):
@@ -237,10 +237,9 @@ class EventEquations:
 
     def _check_solvable(self, point: Point, when: str) -> None:
         """SimulationError with what is undecided where the equations lose their rank at a point."""
-        columns = [np.reshape(a, (-1, 1)) for a in point.values()]
         by_z = np.array(self._by_z(*point.values()))
         if np.linalg.slogdet(by_z)[0] == 0:
-            raise self._undecided(columns, by_z[None], when)
+            raise self._undecided(point.columns(), by_z[None], when)
 
     def rates(self, point: Point, factors: Array) -> tuple[Array, Array]:
         """x' (n_x,) and the rates of the integrals (n_q,)."""
@@ -252,10 +251,9 @@ class EventEquations:
         m = moved.x.shape[1]
         if not self.has_loops or not m:
             return np.zeros((len(point.z), m))
-        columns = [np.tile(np.reshape(a, (-1, 1)), (1, m)) for a in point.values()]
         still = np.zeros((1, m)), np.zeros((len(point.z), m))
-        residual = np.array(self._along(*columns, still[0], moved.x, still[1], moved.p, moved.u)[0])
-        return -np.linalg.solve(np.array(self._by_z(*point.values())), residual.reshape(-1, m))
+        residual = np.array(self._along(*point.columns(m), still[0], moved.x, still[1], moved.p, moved.u)[0])
+        return np.asarray(-np.linalg.solve(np.array(self._by_z(*point.values())), residual.reshape(-1, m)))
 
     def yielding(self, point: Point, fired: Sequence[int], touch: float) -> tuple[Point, list[int]]:
         """The point after what gives way to the impulses of the events `fired`, and the events by which it does: friction
@@ -388,11 +386,6 @@ class _CompiledUpdates:
             along[4] = ca.SX(u.numel(), 1)
         self.along = ca.Function("along", [*arguments, updates.after, *directions], [
             ca.densify(ca.jtimes(updates.direct, stack(moving), stack(along)))])
-
-
-def _repeated(point: Point, m: int) -> list[Array]:
-    """The values of a point in m columns."""
-    return [np.tile(np.reshape(a, (-1, 1)), (1, m)) for a in point.values()]
 
 
 def _looked(assembly: Assembly, indicators: ca.SX) -> ca.Function:

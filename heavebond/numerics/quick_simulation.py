@@ -377,7 +377,8 @@ class QuickSimulator(Unexplained):
         dae, looser = self.integrand.dae, SEARCH_RUNS.one_step_tolerance if self.one_step else 1.0
         solver = "rosenbrock" if self.one_step else "idas" if dae["z"].numel() else "cvodes"
         tolerances = self.tolerances.scaled(looser)
-        options = {**solver_options(solver, dae, tolerances), "max_num_steps": self.most_steps}
+        options = {**solver_options(solver, dae, tolerances, self.integrand.smallest_pivot),
+                   "max_num_steps": self.most_steps}
         stops = self.stops - self.begin
         unit = time_unit(stops)
         given = in_unit_of_time(self._with_table() if self.looks_up else dae, unit)

@@ -132,7 +132,7 @@ class Explicit:
         unit = time_unit(stops)
         dae, begin = in_unit_of_time(made.dae, unit), float(stops[0] / unit)
         outputs = [float(t) for t in stops[1:] / unit] or [begin + 1.0]
-        options = {**solver_options(solver, dae, tolerances), "max_num_steps": most_steps}
+        options = {**solver_options(solver, dae, tolerances, made.smallest_pivot), "max_num_steps": most_steps}
         if made.longest:
             options["max_step_size"] = made.longest / unit
         def make(more: Mapping[str, Any]) -> ca.Function:
@@ -158,9 +158,9 @@ class Explicit:
         return self._function.stats() if self._counts else {"equations": MACHINE_CODE}
 
 
-def solver_options(solver: str, dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict[str, Any]:
-    """What a solver is told of a DAE."""
-    options = integrator_options(dae, tolerances)
+def solver_options(solver: str, dae: Mapping[str, ca.SX], tolerances: Tolerances, pivot: float) -> dict[str, Any]:
+    """The options of a solver for a DAE; a smaller pivot of its Newton matrix is zero."""
+    options = integrator_options(dae, tolerances, pivot)
     unknown = {"idas": (), "cvodes": ("suppress_algebraic",),
                "rosenbrock": ("suppress_algebraic", "linear_solver", "linear_solver_options", "cache")}[solver]
     return {k: v for k, v in options.items() if k not in unknown}

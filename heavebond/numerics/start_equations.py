@@ -102,6 +102,10 @@ class Point:
         """In the order of the assembly's arguments."""
         return self.t, self.x, self.z, self.p, self.u, self.rate
 
+    def columns(self, times: int = 1) -> list[Array]:
+        """The values as arguments of functions at several points, so many times side by side."""
+        return [np.tile(np.reshape(a, (-1, 1)), (1, times)) for a in self.values()]
+
 
 class StartSystem:
     """Residuals (m,) of some rows and their Jacobian with respect to the unknowns (x, z, solved parameters), or z."""

@@ -268,8 +268,7 @@ def _z_plane(axes: Axes, points: NDArray[np.complex128]) -> None:
     """The unit circle with lines of equal damping and of equal frequency, a tenth of that of the samples apart; where all
     points are close to each other, what is around them."""
     near = points[np.abs(points) <= FAR]
-    spans = [(float(part.min(initial=0.0)), float(part.max(initial=0.0))) if not len(part) else (
-        float(part.min()), float(part.max())) for part in (near.real, near.imag)]
+    spans = [(float(part.min()), float(part.max())) if len(part) else (0.0, 0.0) for part in (near.real, near.imag)]
     width = max(high - low for low, high in spans)
     reach = 1.15 * max(1.0, float(np.abs(near).max(initial=0.0)))
     centre, half = ((sum(spans[0]) / 2, sum(spans[1]) / 2), 1.2 * width) if 0 < width < CLOSE else ((0.0, 0.0), reach)

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 from heavebond.core.cancellation import ENDED_EARLY
-from heavebond.core.errors import listing
+from heavebond.core.errors import joined, listing
 from heavebond.core.presentation import count as counted
 from heavebond.core.presentation import number, readable, readable_difference
 from heavebond.diagnosis.answer.verdict import gone, held_out_or_fitted, is_still, near_noise, without_effects
@@ -335,7 +335,7 @@ def _either(places: Sequence[str]) -> str:
     """`at the wall, at the floor or at one of 2 other places`."""
     said, more = places[:MENTIONED], len(places) - MENTIONED
     said = said if more <= 0 else [*said, f"at {'another place' if more == 1 else f'one of {more} other places'}"]
-    return f"{', '.join(said[:-1])} or {said[-1]}" if len(said) > 1 else said[0]
+    return joined(said, "or")
 
 
 def _unsure(findings: Sequence[AddedEffect]) -> str:

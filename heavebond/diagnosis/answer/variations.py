@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from heavebond.core.errors import listing
+from heavebond.core.errors import joined, listing
 from heavebond.core.presentation import number, readable
 from heavebond.diagnosis.candidates.varying import SECOND, unit_of_variable
 from heavebond.diagnosis.state import AddedEffect
@@ -52,15 +52,10 @@ def onset_words(finding: AddedEffect) -> str:
         else:
             shown = _at(when) if when is not None else readable(value, SECOND.text, 3)
             at.append(f"at {shown} in record {record}{beside}")
-    parts = [f"begins {_and(at)}" if at else "", f"acts in the whole record {_and(whole)}" if whole else "",
-             f"does not act in record {_and(absent)}" if absent else ""]
+    parts = [f"begins {joined(at)}" if at else "", f"acts in the whole record {joined(whole)}" if whole else "",
+             f"does not act in record {joined(absent)}" if absent else ""]
     what = "change" if finding.candidate.attaches == "parameter" else "effect"
-    return f"The {what} {_and([part for part in parts if part])}." if any(parts) else ""
-
-
-def _and(names: Sequence[str]) -> str:
-    """`a`, `a and b`, `a, b and c`."""
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+    return f"The {what} {joined([part for part in parts if part])}." if any(parts) else ""
 
 
 def _of_records(name: str, values: Sequence[Fitted]) -> str:

@@ -124,7 +124,7 @@ class Candidate:
 
     @property
     def differs(self) -> bool:
-        """Whether it is a parameter of the diagram with a value of its own for each record."""
+        """Whether the candidate gives a parameter of the diagram another value in each record."""
         return bool(self.change.each) and not self.numbers
 
     def acts_on(self, effects: Sequence[Candidate]) -> bool:

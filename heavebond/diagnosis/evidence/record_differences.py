@@ -8,6 +8,7 @@ to the beginning of the record, and predicts the rest.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
@@ -56,7 +57,7 @@ def _difference(problem: Residuals, inner: Array, record: Record, run: Run, cand
     chi2, samples = float(np.mean(before**2)), len(before)
     if chi2 <= DECISION.near:
         return None
-    left: list[tuple[float, str, float, float]] = []
+    left: list[tuple[float, str, float, float, Candidate]] = []
     for candidate in candidates:
         (name, _), = candidate.change.each.items()
         try:
@@ -64,14 +65,15 @@ def _difference(problem: Residuals, inner: Array, record: Record, run: Run, cand
             after = run.held_out({**values, name: own.values[name]})[0]
         except (HeavebondError, KeyError):
             continue
-        left.append((float(np.mean(after**2)), name, own.values[name], own.seconds))
+        left.append((float(np.mean(after**2)), name, own.values[name], own.seconds, candidate))
     if not left:
         return None
-    least, name, value, seconds = min(left)
+    left.sort(key=itemgetter(0, 1))
+    least, name, value, seconds, candidate = left[0]
     if least > DECISION.near and least - 1 > (chi2 - 1) / 2:
         return None
     usual = values.get(name, problem.runs[0].assembly.parameter_values[name])
-    others = [other for cost, other, _, _ in sorted(left)[1:] if fallen(cost, least, samples) < EARNED]
+    others = [other for cost, other, *_ in left[1:] if fallen(cost, least, samples) < EARNED]
     unit = next(q.unit.text for q in problem.runs[0].assembly.flat.parameters if q.name == name)
     same = f" The records do not distinguish it from a difference of {listing(others, 3)}." if others else ""
     fitted = listing([r.record.name for r in problem.runs], 3)
@@ -80,5 +82,4 @@ def _difference(problem: Residuals, inner: Array, record: Record, run: Run, cand
              f"{record.name}). With it the reduced chi-square of {record.name} falls from {number(chi2, 3)} to "
              f"{number(least, 3)}. To fit a value for each record, write `{name}: {{range: ..., each: record}}` under "
              f"`free:`.{same}")
-    candidate = next(c for c in candidates if name in c.change.each)
     return RecordDifference(candidate, float(chdtrc(samples, chi2 * samples)), words)

@@ -22,7 +22,7 @@ import numpy as np
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.varying import with_onset
 from heavebond.diagnosis.search.base_model import Base
-from heavebond.diagnosis.search.scoring import Score
+from heavebond.diagnosis.search.scoring import SAME, Score
 from heavebond.numerics.dae import Array
 
 
@@ -41,8 +41,6 @@ class OnsetConstants:
         Doubled: later onsets only.
     rounds: times that each record is gone through at most. Origin: two suffice, the third shows that nothing changes.
         Doubled: the same.
-    left: share of a direction that must be left when the free parameters have taken theirs. Origin: as `scoring.SAME`.
-        Doubled: the same.
     """
 
     families: int = 3
@@ -51,7 +49,6 @@ class OnsetConstants:
     more: float = 12.0
     share: float = 0.1
     rounds: int = 6
-    left: float = 1e-3
 
 
 ONSET = OnsetConstants()
@@ -138,7 +135,7 @@ class _Scan:
         b, q, g = total[:, 0], total[:, 1], total[:, 2:]
         step = g @ self.inverse
         left = q - 2 * np.sum(g * step, axis=1) + np.sum((step @ self.normal) * step, axis=1)
-        seen = left > ONSET.left**2 * np.maximum(q, 1e-300)
+        seen = left > SAME**2 * np.maximum(q, 1e-300)
         z = np.where(seen, -(b - step @ self.slope) / np.sqrt(np.where(seen, left, 1.0)), 0.0)
         return np.asarray(z**2 if score.signed else np.maximum(z, 0.0)**2)
 

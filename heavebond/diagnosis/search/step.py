@@ -1,7 +1,8 @@
-"""One rung of the ladder from a misfit to what is missing.
+"""One step of the diagnosis: the search for one missing effect.
 
-Fit what is free; ask whether more than noise is left; score every candidate of the catalogue; refit those that can matter;
-take the one that leaves least on held-out data, if it earns its place there.
+The free parameters are fitted. If more than noise is left, every candidate of the catalogue is scored, and the candidates
+that can matter are refitted. The step chooses the candidate that leaves least on held-out data, if it improves the
+prediction there materially.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ EARNED = 12.0
 
 @dataclass(frozen=True)
 class Stage:
-    """One rung: the experiment that was diagnosed, its best fit of what was free (chi-square per sample on what was and was
+    """One step: the experiment that was diagnosed, its best fit of what was free (chi-square per sample on what was and was
     not fitted), the tests on what that leaves, all scores and refits, best first, what was chosen, and those that the
     records cannot tell from it (the chosen one first). `partial`: not all that was planned was refitted; `lost` are the
     candidates whose process died, `broken` the labels of those with which the diagram cannot be simulated; `acts_as` are the
@@ -132,9 +133,10 @@ class Stage:
 def make_stage(experiment: Experiment, *, beside: Sequence[Candidate] = (), number: int | None = None,
                seconds: float = SECONDS, classes: Sequence[str] = (), progress: Progress | None = None,
                thorough: bool = True) -> Stage:
-    """One rung of the ladder. `beside` are the effects that were added to the diagram before: candidates that act on these
-    instead of the machine are left out. `classes` narrows the catalogue to candidates of these classes. A `thorough` search
-    refits all others too where none of those with the largest scores comes near the noise."""
+    """Score the candidates of the catalogue, and refit those that can matter. `beside` are the effects that were added to
+    the diagram before: candidates that act on these instead of the machine are left out. `classes` restricts the catalogue
+    to candidates of these classes. A `thorough` search refits all other candidates, too, if no refit of the candidates with
+    the largest scores leaves nearly noise."""
     def chosen(candidate: Candidate) -> bool:
         return candidate.kind != UNKNOWN and (not classes or candidate.kind in classes) and not candidate.acts_on(beside)
 
@@ -249,8 +251,9 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     if not always:
         excluded |= {label: "it never acts in the fitted records" for label, t in refits.trials.items() if not t.acts}
     trials = [t for label, t in refits.trials.items() if label not in excluded]
-    excluded |= {t.candidate.label: "laws with constant parameters leave hardly more"
-                 for t in dispensable_variations(trials, later)}
+    why = "it leaves more than noise, and effects were added before" if later else \
+        "laws with constant parameters leave hardly more"
+    excluded |= {t.candidate.label: why for t in dispensable_variations(trials, later)}
     trials = [t for t in trials if t.candidate.label not in excluded]
     made = _judged(base, errors, left, scores, trials, twins, partial, clock.perf_counter() - began, as_one)
     broken = tuple(c.label for c in found if c.label not in known and c.label not in workers.lost) if scored_all else ()

@@ -272,9 +272,10 @@ def _extended(way: Selection, made: Stage) -> list[Selection]:
 
 
 def _without_absent(way: Selection) -> Selection:
-    """The ladder without its last effect where this is absent and the ladder without it does as well from the values found
-    beside it: by its merit, or on the fitted records if it leaves nearly noise. (A motion that is sensitive to its start may
-    differ by more than the merits allow on other records, with values that the fit cannot tell apart.)"""
+    """The ladder without its last effect, if that effect is absent from the fitted model and the shorter ladder, refitted
+    from the values found with the effect, is as good: by its merit, or on the fitted records if it leaves nearly noise. (If
+    a motion is sensitive to its start, two fits that the fitted records cannot distinguish may differ on other records by
+    more than the merits allow.)"""
     chosen = way[-1].chosen
     if len(way) < 2 or not chosen.absent:
         return way
