@@ -190,7 +190,7 @@ def test_a_bar_of_tqdm(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("call", [lambda: hb.simulate(hb.load("cmc_ahc"), "10 h", every="1 s"),
                                   lambda: hb.fit("passive_rig/friction", starts=1000),
-                                  lambda: hb.tune(hb.load("cmc_ahc"), GAINS, starts=9)])
+                                  lambda: hb.tune(hb.load("cmc_ahc"), GAINS, starts=1000)])
 def test_the_stop_button_ends_what_runs(call: Callable[[], object]) -> None:
     before, began = signal.getsignal(signal.SIGINT), clock.perf_counter()
     timer = threading.Timer(3.0, os.kill, (os.getpid(), signal.SIGINT))

@@ -199,7 +199,7 @@ static const char *due(Values *now, bool *any, bool *by_condition) {
   if (!model_n_e) return NULL;
   if ((wrong = schedule(now)) != NULL || (wrong = look(now, indicators, rates)) != NULL) return wrong;
   for (c = 0; c < model_n_c; ++c) {
-    bool truth = indicators[c] > 0 || (rates[c] > 0 && indicators[c] + rates[c] * same > 0);
+    bool truth = indicators[c] + rates[c] * same > 0; /* what ends at this instant, to rounding, has ended */
     if (!events->known) {
       /* what is true at the start is no change, except a condition of the time alone; a contact breaks away from its start */
       events->truth[c] = indicators[c] > 0 && !model_breaks[model_condition[c]];
