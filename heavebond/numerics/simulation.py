@@ -241,7 +241,7 @@ def _passes_zero(result: Result) -> bool:
     varying = result.assembly.once("varying pivots", lambda: _varying_pivots(result.assembly))
     if varying is None or not own.any():
         return False
-    values = evaluated(result.assembly, varying, columns(result, np.flatnonzero(own)))
+    values, = evaluated(result.assembly, varying, columns(result, np.flatnonzero(own)))
     return bool(((values.min(axis=1) < 0) & (values.max(axis=1) > 0)).any())
 
 
