@@ -134,6 +134,17 @@ def test_a_variant_in_another_folder_knows_the_functions_of_both(folder: Callabl
     assert again.library.functions is hb.load(base).library.functions, "another process must not read all components anew"
 
 
+def test_a_component_that_is_renamed_in_its_file_is_found_under_its_new_name(tmp_path: Path) -> None:
+    """Heads of files are kept from one look at a folder to the next, as long as the file is the same."""
+    file = tmp_path / "own.yaml"
+    for name in ("OwnDamper", "OwnViscousDamper"):
+        file.write_text(f"component: {name}\nsummary: A damper.\n")
+        assert [known for known, path in library([tmp_path]).files.items() if path == file] == [name]
+    file.unlink()
+    file.mkdir()
+    assert file not in library([tmp_path]).files.values()
+
+
 # -- what is wrong -------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("changes", "code", "said"), [
     ({"brake": ("drag(a.v, k).F", "drak(a.v, k).F")}, "function-unknown", "Did you mean 'drag'?"),

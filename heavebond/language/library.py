@@ -9,6 +9,7 @@ from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from pathlib import Path
+from stat import S_ISREG
 
 from heavebond.core.errors import ModelError, Place, Problem, Problems, either
 from heavebond.core.units import DIMENSIONLESS
@@ -262,12 +263,18 @@ def _yaml_files(top: Path) -> list[str]:
 
 def _head_of(path: Path) -> tuple[str, str]:
     """Whether a file describes a component or a function, and its name; empty where it describes neither."""
-    if not path.is_file():  # a pipe would be waited for
-        return "", ""
     try:
-        found = _HEAD.search(read_text(path))
-    except ModelError:
+        status = path.stat()
+        # a pipe would be waited for
+        return _head_in(path.absolute(), (status.st_mtime_ns, status.st_size)) if S_ISREG(status.st_mode) else ("", "")
+    except (OSError, ModelError):
         return "", ""  # an unreadable neighbour is no fault of the diagram that is being loaded
+
+
+@lru_cache(maxsize=4096)
+def _head_in(path: Path, stamp: tuple[int, int]) -> tuple[str, str]:
+    """The same for the text of a file in one state; ModelError where it cannot be read."""
+    found = _HEAD.search(read_text(path))
     return (found.group(1), found.group(2)) if found else ("", "")
 
 
