@@ -127,6 +127,7 @@ def dimension_of(exponents: Mapping[str, Fraction]) -> Dimension:
     return tuple(sorted((base, Fraction(power)) for base, power in exponents.items() if power))
 
 
+@lru_cache(maxsize=4096)
 def times(a: Dimension, b: Dimension, power: Fraction | int = 1) -> Dimension:
     """The dimension of a * b**power."""
     exponents = dict(a)

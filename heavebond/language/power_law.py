@@ -139,7 +139,7 @@ def usual_sizes(domains: Iterable[Domain]) -> dict[Dimension, float]:
 @lru_cache(maxsize=64)
 def _sizes(members: tuple[tuple[tuple[Dimension, float], ...], ...]) -> dict[Dimension, float]:
     found: dict[Dimension, float] = {ONE: 1.0, SECOND: 1.0}
-    groups = [*members, tuple(m for group in members for m in group)]
+    groups = [_first_of_each(group).items() for group in (*members, [m for group in members for m in group])]
     for group in groups:
         _note(found, group, (0, 1, -1, 2, -2))
     for power in (-1, 1):  # ratios of everything before products: an area is rather N/Pa than m*m
@@ -151,9 +151,18 @@ def _sizes(members: tuple[tuple[tuple[Dimension, float], ...], ...]) -> dict[Dim
 
 def _note(found: dict[Dimension, float], quantities: Iterable[tuple[Dimension, float]], orders: Iterable[int]) -> None:
     """Add the quantities times powers of a second where their dimension is new."""
+    first = _first_of_each(quantities)
     for k in orders:
-        for dimension, size in quantities:
+        for dimension, size in first.items():
             found.setdefault(times(dimension, SECOND, k), size)
+
+
+def _first_of_each(quantities: Iterable[tuple[Dimension, float]]) -> dict[Dimension, float]:
+    """The first size of each dimension."""
+    first: dict[Dimension, float] = {}
+    for dimension, size in quantities:
+        first.setdefault(dimension, size)
+    return first
 
 
 class _Trial:
