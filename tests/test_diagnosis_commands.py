@@ -105,7 +105,7 @@ no effect of class 'dry' fits in this diagram [class-unknown]
   Did you mean 'dry friction'?
 """),
     (("fit", "receiver_rig/choked", "--profile", "inlet.c"), """\
---profile inlet.c: that is not free [free-unknown]
+--profile inlet.c: this parameter is not free [free-unknown]
   Did you mean 'inlet.C'?
 """),
     (("compare", __file__), f"""\

@@ -18,10 +18,11 @@ HEAD = ("class", "effect", "place", "what is fitted")
 @click.argument("experiment")
 @json_option
 def candidates(experiment: str) -> dict[str, object]:
-    """List every effect of the catalogue at every place of EXPERIMENT's diagram where it fits, and one law at all like
+    """List every effect of the catalogue at every place of EXPERIMENT's diagram where it fits, and one law at all similar
     places together.
 
-    A component of your own with an `effect:` entry, beside the diagram or in its `components` folder, takes part.
+    A user-defined component with an `effect:` entry, in the folder of the diagram or in its `components` folder, is
+    included.
     """
     from heavebond.commands import terminal
     from heavebond.diagnosis.candidates import places
@@ -40,5 +41,5 @@ def candidates(experiment: str) -> dict[str, object]:
 
 
 def name_to_type(candidate: Candidate) -> str:
-    """What `heavebond try` calls an effect: the parameter that wakes (`cylinder.leakage`), else the component."""
+    """Name of an effect for `heavebond try`: the inactive parameter (`cylinder.leakage`), else the component."""
     return candidate.name if candidate.attaches == "in" else candidate.component

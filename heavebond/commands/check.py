@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 @set_option
 @json_option
 def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, object]:
-    """Check FILE and show what it contains, or all problems that are found.
+    """Check FILE and show what it contains, or all problems in it.
 
-    FILE is a YAML file or a bundled name (cmc_ahc, cmc_ahc/passive). Its first key tells what is checked. Diagram: states,
-    algebraic loops, index, initial conditions, and whether your own components in it create power. Component: units,
+    FILE is a YAML file or a bundled name (cmc_ahc, cmc_ahc/passive). Its first key selects the checks. Diagram: states,
+    algebraic loops, index, initial conditions, and whether user-defined components in it create power. Component: units,
     equations and power. Function: names and units. Experiment: the records, their columns, times and units, and that the
     diagram has the inputs, outputs and free parameters. Study: that every case assembles and every quantity exists.
     """
@@ -60,7 +60,7 @@ def _check_diagram(model: str, listed: bool, settings: tuple[str, ...]) -> dict[
         failure, begun, first = None, None, None
         try:
             begun, first = _start(assembly)
-        except StartError as error:  # the structure is worth seeing all the same
+        except StartError as error:  # print the structure also if the diagram cannot start
             failure = error
         found = summary(assembly, begun)
         console = output()
@@ -80,7 +80,7 @@ def _check_diagram(model: str, listed: bool, settings: tuple[str, ...]) -> dict[
 
 
 def _check_powers(assembly: Assembly) -> list[Problem]:
-    """Print what is not declared about the powers of the user's components; ModelError where one creates power."""
+    """Print undeclared sources and losses of power in user-defined components; ModelError if one creates power."""
     from heavebond.commands.terminal import output, working
     from heavebond.core.errors import ModelError
     from heavebond.language.power_terms import CREATED, power_problems, used
@@ -98,7 +98,7 @@ def _check_powers(assembly: Assembly) -> list[Problem]:
 
 
 def _check_experiment(path: Path) -> dict[str, object]:
-    """Each record read and its diagram assembled; nothing is simulated."""
+    """Read each record and assemble its diagram; nothing is simulated."""
     from heavebond.commands.terminal import output, table, working
     from heavebond.core.errors import ModelError, Problems
     from heavebond.core.presentation import number, readable_difference
@@ -144,7 +144,7 @@ def _check_experiment(path: Path) -> dict[str, object]:
 
 
 def _check_study(path: Path) -> dict[str, object]:
-    """Every level of every axis assembled, every quantity with its unit; nothing is run."""
+    """Assemble every level of every axis and check each quantity and its unit; nothing is run."""
     from heavebond.commands.terminal import output, working
     from heavebond.core.presentation import count
     from heavebond.studies.run_case import checked
@@ -168,7 +168,7 @@ def _check_study(path: Path) -> dict[str, object]:
 
 
 def _check_component(path: Path) -> dict[str, object]:
-    """Units, balance and power of a component; ModelError with what is wrong."""
+    """Check units, balance and power of a component; ModelError with the mistakes."""
     from heavebond.commands.terminal import output, working
     from heavebond.core.errors import ModelError
     from heavebond.language.component_file import parse_component
@@ -200,7 +200,7 @@ def _check_component(path: Path) -> dict[str, object]:
 
 
 def _check_function(path: Path) -> dict[str, object]:
-    """Names and units of a function, and of those that it calls."""
+    """Check names and units of a function and of the functions that it calls."""
     from heavebond.commands.terminal import output
     from heavebond.language.function_file import parse_function
     from heavebond.language.library import library
@@ -219,7 +219,7 @@ def _check_function(path: Path) -> dict[str, object]:
 
 
 def _names(assembly: Assembly) -> object:
-    """Variables, then parameters with their values: what formulas, --plot and --set understand."""
+    """Variables, then parameters with their values: the names for formulas, --plot and --set."""
     from heavebond.commands.terminal import table
     from heavebond.core.presentation import readable
 
@@ -231,7 +231,7 @@ def _names(assembly: Assembly) -> object:
 
 
 def _start(assembly: Assembly) -> tuple[Start, Point]:
-    """The start, and the same as a point with the inputs there."""
+    """The start, as `Start` and as a point with the inputs at this time."""
     import numpy as np
 
     from heavebond.linear.linearisation import start_point
@@ -242,7 +242,7 @@ def _start(assembly: Assembly) -> tuple[Start, Point]:
     if not assembly.flat.inputs:
         begun = start(assembly)
         return begun, start_point(begun, np.zeros(assembly.arguments[4].numel()))
-    # a record must cover the whole run, which is said here and not first by `run`
+    # a record must cover the whole run: report it here and not only in `run`
     times = grid(assembly.model, None, None)
     u = pieced(assembly.flat, float(times[0]), float(times[-1])).at(times[:1])[:, 0]
     begun = start(assembly, None, u)

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Sea:
-    """A sea: the diagram of each mode; from when on (s, of its end and its parameters) a run is evaluated and drawn."""
+    """A sea: the diagram of each mode, and the time in s from which a run is evaluated and drawn (a function of its end
+    and its parameters).
+    """
 
     title: str
     file: str
@@ -30,7 +32,7 @@ class Sea:
 
 @dataclass(frozen=True)
 class Figure:
-    """A line of the table: a number from the signals of a run over the evaluated stretch and their values at rest."""
+    """A line of the table: a number from the signals of a run over the evaluated time and their values at rest."""
 
     name: str
     unit: str
@@ -68,10 +70,10 @@ def _largest(values: Array) -> float:
               help="Folder for the pictures; created if it does not exist.")
 @json_option
 def demo(output: Path) -> dict[str, object]:
-    """Run the crown-mounted compensator passive and active in two seas; one table and a picture of each sea.
+    """Run the crown-mounted compensator passive and active in two seas; show a table and draw a picture of each sea.
 
-    Evaluated are the last two periods of the regular wave and the last half of the irregular sea: the largest
-    deviation of the weight on bit (WOB) from its value at rest, the largest motion of the crown block, and so on.
+    The last two periods of the regular wave and the last half of the irregular sea are evaluated: the largest deviation
+    of the weight on bit (WOB) from its value at rest, the largest motion of the crown block, and further figures.
     """
     from heavebond.commands import terminal
 

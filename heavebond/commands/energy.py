@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 @click.option("--reduce", "share", metavar="SHARE", type=Number(0, 100, min_open=True),
               help="Keep the components with this share of the activity in per cent, and neutralise the others.")
 @click.option("--error", "limit", metavar="PERCENT", type=Number(0, min_open=True), default=5.0, show_default=True,
-              help="With --reduce: leave what would move an output by more than this.")
+              help="With --reduce: keep components whose removal would move an output by more than this.")
 @click.option("--write", "written", metavar="FILE", type=click.Path(path_type=Path),
               help="With --reduce: write the reduced diagram, which extends MODEL (.yaml).")
 @set_option
@@ -60,7 +60,7 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
     for path in (sankey, activity):
         check_picture(path)
     if written is not None and share is None:
-        raise UsageError([Problem("write-what", "--write writes the reduced diagram, and nothing is to be reduced", None,
+        raise UsageError([Problem("write-what", "--write writes the reduced diagram, but --reduce is missing", None,
                                   "Add --reduce 98, for the components that make up 98 % of the activity.")])
     if written is not None:
         check_new(written, (".yaml",))
@@ -93,7 +93,7 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
 
 
 def _pictures(found: EnergyAudit, name: str, sankey: Path | None, activity: Path | None) -> list[Path]:
-    """The pictures that are asked for, written."""
+    """Write the requested pictures."""
     if sankey is None and activity is None:
         return []
     from heavebond.energy.power_flow import energy_flow
@@ -112,10 +112,10 @@ def _print_reduced(reduced: Simplified) -> None:
     console = terminal.output()
     rows = [(one.component, f"{100 * one.share:.3g} %", one.step.words if not one.kept else
              f"stays: {one.kept}") for one in reduced.tried]
-    console.print(terminal.table("Little active", ("component", "activity", "what becomes of it"), rows, text=3))
+    console.print(terminal.table("Little active", ("component", "activity", "replacement"), rows, text=3))
     if reduced.removed:
         console.print(terminal.table("What that moves", ("output", "rms error / rms about the mean"), [
             (name, f"{number(100 * error, 3)} %") for name, error in reduced.errors.items()], text=1))
         console.print(f"{reduced.states[0]} states before, {reduced.states[1]} after")
     else:
-        console.print("nothing can go: raise --error to see what that would move")
+        console.print("no component can be neutralised within --error; a larger --error shows the outputs that would move")

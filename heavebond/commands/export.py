@@ -23,7 +23,8 @@ SUFFIXES = (".fmu", ".c")
 @click.option("--fmi", "version", type=click.Choice(["2", "3"]), default="3", show_default=True,
               help="The standard of an FMU, which is for model exchange and for co-simulation.")
 @click.option("--input", "inputs", metavar="SIGNAL", multiple=True,
-              help="Make a signal input of the diagram an input of what is written, e.g. --input deck.u. May be repeated.")
+              help="Make a signal input of the diagram an input of the exported model, e.g. --input deck.u. May be "
+                   "repeated.")
 @set_option
 @json_option
 def export(model: str, output: Path, version: str, inputs: tuple[str, ...], settings: tuple[str, ...]) -> dict[str, object]:
@@ -49,7 +50,7 @@ def export(model: str, output: Path, version: str, inputs: tuple[str, ...], sett
         (title, q.name, q.unit.text, f"{q.start:.6g}") for title in ("inputs", "outputs") for q in groups[title]], text=3))
     console.print(", ".join(f"{len(found)} {name}" for name, found in groups.items() if found), soft_wrap=True)
     for path, kind, other in made.assembly.flat.expanded.approximated:
-        console.print(f"{path} ({kind}) is a {other} in it: what is exported keeps no history", soft_wrap=True)
+        console.print(f"{path} ({kind}) is a {other}: exported models keep no history", soft_wrap=True)
     console.print(f"wrote {output}", soft_wrap=True)
     return {"model": made.name, "file": str(output), **{name.replace(" ", "_"): _listed(g) for name, g in groups.items()}}
 

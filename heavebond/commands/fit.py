@@ -27,7 +27,7 @@ if TYPE_CHECKING:
               help="Interval of a parameter by profile likelihood. May be repeated.")
 @click.option("--write", "written", metavar="DIAGRAM", type=click.Path(path_type=Path),
               help="Write a diagram that extends the model with the fitted values (.yaml, must be new).")
-@click.option("--resume", is_flag=True, help="Go on from the starts of the same fit, which was ended early.")
+@click.option("--resume", is_flag=True, help="Continue the same fit from its completed starts, if it was ended early.")
 @picture_option("Draw records, fitted model and residual")
 @scheduler_option
 @json_option
@@ -35,9 +35,9 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
         resume: bool, output: Path | None, scheduler: str | None) -> dict[str, object]:
     """Estimate the parameters under `free:` of EXPERIMENT by least squares.
 
-    Records with `use: fit` are fitted; the others are held out as validation data. Without other records the last third of
-    each record is held out. Of several starts NAME_starts.jsonl, in the current folder, holds those that are done until
-    the fit ends: also after a crash, --resume goes on from there.
+    Records with `use: fit` are fitted; the others are held out as validation data. Without other records the last third
+    of each record is held out. With several starts NAME_starts.jsonl, in the current folder, stores the completed starts
+    until the fit ends: --resume continues from them, also after a crash.
     """
     from heavebond.commands import terminal
     from heavebond.core.cluster import connected
@@ -56,7 +56,7 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
         _check_free(given, profiled)
         kept = KeptLines.begin(Path(f"{given.path.stem}_starts.jsonl"), resume) if starts > 1 else None
         if resume and (kept is None or not kept.known):
-            terminal.warn("there is no start to go on from: the fit begins anew")
+            terminal.warn("no completed start is stored: the fit begins anew")
         found = fitted(given, starts=starts, segments=segments, robust=robust, executor=cluster, kept=kept,
                        progress=progress, partial=True)
         early = found.message == ENDED_EARLY
@@ -83,17 +83,17 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     if kept is not None and not early:
         kept.remove()
     if early:
-        again = "; the same command with --resume goes on" if kept is not None and kept.known else ""
+        again = "; the same command with --resume continues" if kept is not None and kept.known else ""
         console.print(f"ended early: these are the best values so far{again}", soft_wrap=True)
         raise Interrupted(last_heard(), figures)
     return figures
 
 
 def _check_free(given: Experiment, names: Sequence[str]) -> None:
-    """UsageError for a name that is not free: found before the fit and not after it."""
+    """Raise UsageError for a name that is not free, before the fit."""
     from heavebond.core.errors import Problem, UsageError, listing, suggest
 
     for name in names:
         if name not in given.free:
-            raise UsageError([Problem("free-unknown", f"--profile {name}: that is not free", None,
+            raise UsageError([Problem("free-unknown", f"--profile {name}: this parameter is not free", None,
                                       suggest(name, given.free) or f"Free are {listing(given.free, 40)}.")])

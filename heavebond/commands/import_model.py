@@ -18,7 +18,7 @@ from heavebond.core.errors import Problem, UsageError
 def import_model(file: Path, output: Path | None) -> dict[str, object]:
     """Translate the 20-sim model FILE (.emx) into a folder with a diagram and component files.
 
-    What cannot be translated is listed with its submodel and line. Nothing in the file is executed.
+    Elements that cannot be translated are listed with submodel and line. Nothing in the file is executed.
     """
     from heavebond.commands import terminal
     from heavebond.core.quoting import visible
@@ -26,9 +26,9 @@ def import_model(file: Path, output: Path | None) -> dict[str, object]:
     from heavebond.language.library import library
 
     if file.suffix.lower() != ".emx":
-        raise UsageError([Problem("emx-suffix", f"'{file}' is no 20-sim model", None, "Name a file that ends in .emx.")])
+        raise UsageError([Problem("emx-suffix", f"'{file}' is not a 20-sim model", None, "Name a file that ends in .emx.")])
     if not file.is_file():
-        raise UsageError([Problem("file", f"there is no file '{file}'")])
+        raise UsageError([Problem("file", f"cannot find the file '{file}'")])
     with terminal.working("translating"):
         made = import_emx(file, frozenset(library().names()))
         folder = output or Path(made.name)

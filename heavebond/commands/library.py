@@ -25,7 +25,7 @@ OWN = "this folder"
 def library(words: tuple[str, ...]) -> dict[str, object]:
     """List the components by domain, those of the current folder first, and the functions.
 
-    With NAME describe one; other words (rope, check valve) list those with all of them in their name or summary.
+    With NAME describe one; other words (rope, check valve) list those that have all of them in their name or summary.
     """
     from heavebond.language.library import library as load_library
 
@@ -41,7 +41,7 @@ def library(words: tuple[str, ...]) -> dict[str, object]:
 
 
 def _list(known: Library, wanted: str = "") -> dict[str, object]:
-    """Print all, or those whose name or summary contains every word of `wanted`; UsageError where there is none."""
+    """Print all, or those whose name or summary contains every word of `wanted`; UsageError if there is none."""
     from heavebond.commands.terminal import output
     from heavebond.core.presentation import columns
     from heavebond.language.library import bundled
@@ -80,13 +80,13 @@ def _list(known: Library, wanted: str = "") -> dict[str, object]:
         for line in columns(sorted(summaries.items()), console.width):
             console.print(line, soft_wrap=True)
         console.print()
-    console.print("`heavebond library NAME` tells all about one.", soft_wrap=True)
+    console.print("`heavebond library NAME` describes one.", soft_wrap=True)
     problems.raise_as(ModelError)
     return {"components": folders, "functions": functions}
 
 
 def _with_words(summaries: dict[str, str], words: list[str]) -> dict[str, str]:
-    """Those of the summaries by name in which each of the words (small letters) begins a word of the name or the summary."""
+    """Select the summaries, by name, in which each of the lower-case words begins a word of the name or the summary."""
     def found(name: str) -> bool:
         text = " ".join([re.sub("(?<=[a-z])(?=[A-Z])", " ", name), name, summaries[name]]).lower()
         return all(re.search(f"(?<![a-z]){re.escape(word)}", text) for word in words)
@@ -205,7 +205,7 @@ def _example(component: Component) -> None:
 
 
 def _text(component: Component, k: int) -> str:
-    """An equation as its author wrote it, `each` included."""
+    """An equation in the author's form, `each` included."""
     line = component.equations[k]
     written = line.place.text.partition("#")[0].strip()
     return written if line.text.strip() in written else line.text.strip()

@@ -39,14 +39,14 @@ MATRICES = (".npz", ".mat")
 @click.command(short_help="Frequency response, poles and zeros, steps, root locus, margins of a loop.")
 @click.argument("model")
 @click.option("--from", "inputs", metavar="INPUT[,...]", multiple=True,
-              help="A signal, what enters a node (crown.f), or a parameter. May be repeated.")
+              help="A signal, a force or flow into a node (crown.f), or a parameter. May be repeated.")
 @click.option("--to", "outputs", metavar="OUTPUT[,...]", multiple=True,
               help="A variable, an output or a formula of these. May be repeated.")
 @click.option("--loop", metavar="SIGNAL", help="Cut the loop at this signal and show its stability margins.")
 @click.option("--over", metavar="PARAMETER='LOW .. HIGH'", help="Draw the root locus over a range of a parameter.")
 @click.option("--picture", type=click.Choice(PICTURES), default="bode", show_default=True, help="What to draw.")
 @at_options
-@click.option("--frequencies", metavar="'LOW .. HIGH'", help="Of the pictures, e.g. --frequencies '0.01 .. 10 Hz'.")
+@click.option("--frequencies", metavar="'LOW .. HIGH'", help="Range of the pictures, e.g. --frequencies '0.01 .. 10 Hz'.")
 @click.option("--until", metavar="TIME", help="End time of the step response.")
 @set_option
 @picture_option("Where to draw")
@@ -123,21 +123,21 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
 
 
 def _asked(inputs: list[str], outputs: list[str], loop: str | None, over: str | None) -> tuple[list[str], list[str]]:
-    """The inputs and outputs to take; UsageError where what is asked for does not go together."""
+    """The inputs and outputs that the options name; UsageError if the options exclude each other."""
     if (loop is not None and (inputs or outputs or over)) or (over is not None and (inputs or outputs)):
-        raise UsageError([Problem("linear-asked", "--loop, --over and --from with --to each ask for something else", None,
+        raise UsageError([Problem("linear-asked", "--loop, --over and --from with --to exclude each other", None,
                                   "Give one of them.")])
     if loop is not None:
         return [loop], [loop]
     if over is None and not (inputs and outputs):
-        raise UsageError([Problem("linear-asked", "it is not said between what to look", None,
+        raise UsageError([Problem("linear-asked", "no input and output are given", None,
                                   "Give --from INPUT --to OUTPUT, or --loop SIGNAL, or --over PARAMETER='LOW .. HIGH'.")])
     return inputs, outputs
 
 
 # -- channels ----------------------------------------------------------------------------------------------------------
 def _span(channels: Sequence[StateSpace], asked: str | None) -> Array:
-    """The frequencies in Hz of a picture: as asked for, or those of all channels."""
+    """The frequencies in Hz of a picture: the requested ones, or those of all channels."""
     import numpy as np
 
     from heavebond.core.units import UnitProblem, parse_range
@@ -163,8 +163,8 @@ def _span(channels: Sequence[StateSpace], asked: str | None) -> Array:
 
 
 def _print_channels(channels: Sequence[StateSpace], span: Array, *, within: bool) -> list[dict[str, object]]:
-    """A table of static gain, largest gain and zeros of each channel; the same for machines. The largest gain is that of all
-    frequencies with 0, or of those of the span (`within`)."""
+    """Print a table of static gain, largest gain and zeros of each channel; return it for JSON. The largest gain is taken
+    over all frequencies with 0, or over those of the span (`within`)."""
     import numpy as np
 
     from heavebond.commands import terminal
@@ -194,7 +194,7 @@ def _print_channels(channels: Sequence[StateSpace], span: Array, *, within: bool
 
 
 def _zeros(channel: StateSpace) -> list[list[float]] | None:
-    """The zeros of a channel; None where it has so many states that they would take long."""
+    """The zeros of a channel; None if it has too many states for a short computation."""
     from heavebond.linear.linear_system import LINEAR_SYSTEM
 
     if len(channel.states) > LINEAR_SYSTEM.zeros:
@@ -225,7 +225,7 @@ def _print_crossings(found: Crossings) -> None:
     console = terminal.output()
     if found.unstable:
         console.print(f"The closed loop is unstable and has no margins: {'; '.join(found.reasons)}. "
-                      "Where the open loop crosses -1:", style="yellow", soft_wrap=True)
+                      "Crossings of -1 by the open loop:", style="yellow", soft_wrap=True)
     console.print(terminal.table("", ("crossing" if found.unstable else "margin", "", "at"), [
         row("gain, upwards", up, f"times {number(up.value, 4)}" if up else ""),
         row("gain, downwards", down, f"times {number(down.value, 4)}" if down else "", "to zero"),
@@ -235,7 +235,7 @@ def _print_crossings(found: Crossings) -> None:
 
 
 def _crossings_told(found: Crossings) -> dict[str, object]:
-    """The margins for machines; of an unstable loop as `crossings`, with no `margins`."""
+    """The margins for JSON; for an unstable loop its `crossings` instead of `margins`."""
     def one(margin: Margin | None) -> dict[str, float | None] | None:
         at = None if margin is None or margin.frequency == float("inf") else margin.frequency
         return None if margin is None else {"value": margin.value, "frequency": at}
@@ -247,7 +247,7 @@ def _crossings_told(found: Crossings) -> dict[str, object]:
     return {"margins": None, "crossings": every} if found.unstable else {"margins": every}
 
 
-# -- a parameter that moves --------------------------------------------------------------------------------------------
+# -- a varied parameter ------------------------------------------------------------------------------------------------
 def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> dict[str, object]:
     from heavebond.commands import terminal
     from heavebond.core.presentation import readable
@@ -312,7 +312,7 @@ def _draw(name: str, words: str, channels: Sequence[StateSpace], span: Array, fo
 
 
 def _step_times(channel: StateSpace, until: str | None) -> Array:
-    """Times (N,) in s on which a step has settled, or as long as asked for."""
+    """Times (N,) in s until a step has settled, or up to `until`."""
     import numpy as np
 
     from heavebond.numerics.output_times import seconds
@@ -343,7 +343,7 @@ def _save_matrices(system: StateSpace, path: Path) -> None:
     try:
         with new_file(path) as fresh:
             if path.suffix.lower() == ".npz":
-                with open(fresh, "wb") as file:  # to a path NumPy would append a suffix in lower case
+                with open(fresh, "wb") as file:  # NumPy would append a suffix in lower case to a path
                     np.savez(file, **held)
             else:
                 from scipy.io import savemat

@@ -39,8 +39,8 @@ def localize(experiment: str, fitted: bool, output: Path | None) -> dict[str, ob
     console = terminal.output()
     terminal.show(localization_items(found))
     if looked := cut(found.experiment, loaded):
-        console.print(f"The records are long: their beginning was looked at ({looked}); `from:` and `to:` at a record take "
-                      "another part.", soft_wrap=True)
+        console.print(f"The records are long: only their beginning was analysed ({looked}); `from:` and `to:` of a record "
+                      f"select another part.", soft_wrap=True)
     files = _drawn(found, output) if output is not None else []
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from heavebond.numerics.dae import Assembly
     from heavebond.numerics.start_equations import Point
 
-LEAST = 0.05  # what takes part by less is not named
+LEAST = 0.05  # smaller shares are not listed
 MOST = 4
 
 
@@ -38,13 +38,13 @@ MOST = 4
 def modes(model: str, at: str | None, steady: bool, slowest: int | None, settings: tuple[str, ...]) -> dict[str, object]:
     """Linearise MODEL at its initial conditions and list its modes: frequency, damping, the components that take part (their
     share of the energy), and those that damp it. A mode in which no component stores energy is described by its states.
-
-    Of a diagram with more than 300 states the slowest modes are listed, and growing ones that a search finds beyond them.
+    For a diagram with more than 300 states the slowest modes are listed, and growing modes that a search finds beyond
+    them.
 
     A friction law is linearised at rest, where it locks its parts: --set its forces to 0 for the modes in motion, or
-    linearise at an instant of the motion with --at. Loops with samples at regular times are discretised exactly; their modes
-    have a pole z, and are described by their states. Variables that other events change (relays, quantisers, friction that
-    sticks) are held constant and listed; with a quantiser in a loop there is no verdict on stability.
+    linearise at an instant of the motion with --at. Loops with samples at regular times are discretised exactly; their
+    modes have a pole z, and are described by their states. Variables that other events change (relays, quantisers,
+    friction that sticks) are held constant and listed; with a quantiser in a loop there is no verdict on stability.
     """
     from heavebond.commands import terminal
     from heavebond.core.presentation import count
@@ -120,16 +120,17 @@ def _growth(growing: int, at: str) -> list[str]:
 
 
 def _not_computed(found: SlowModes) -> list[str]:
-    """Which modes were computed, and what is therefore not known."""
+    """State which modes were computed, and the limits of this result."""
     from heavebond.core.presentation import number
 
     low, high = (number(rate, 3) for rate in found.searched)
     result = f", and {len(found.growing)} found" if found.growing else ", and none was found"
-    return [f"Computed: the {found.computed} slowest eigenvalues of {found.states} (a line is a pair, where it oscillates), "
-            f"those with |s| up to {number(found.reach, 4)} 1/s. Of hundreds that are nearly equal, as of equal pieces "
-            "damped alike, only some are listed.",
-            f"Growing modes beyond these were looked for at rates from {low} to {high} 1/s{result}. This is no proof that "
-            "there is no other: one that grows by a small share of its frequency, beside many undamped ones, can be missed."]
+    return [f"Computed: the {found.computed} slowest eigenvalues of {found.states} (one line for each pair of complex "
+            f"eigenvalues), "
+            f"those with |s| up to {number(found.reach, 4)} 1/s. Of hundreds of nearly equal eigenvalues, for example of "
+            f"equal pieces with equal damping, only some are listed.",
+            f"Growing modes beyond these were looked for at rates from {low} to {high} 1/s{result}. This does not exclude "
+            f"others: the search can miss a mode that grows slowly compared with its frequency among many undamped modes."]
 
 
 def _told(mode: Mode, share: ModalShares) -> dict[str, object]:
@@ -158,7 +159,7 @@ def _pole(mode: Mode) -> str:
 
 
 def _named(shares: dict[str, float]) -> str:
-    """The largest shares; where each is small, those of the blocks of the diagram."""
+    """The largest shares; if each is small, the shares of the blocks of the diagram."""
     named = _large(shares)
     if not named and shares:
         blocks: dict[str, float] = {}

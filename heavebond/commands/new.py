@@ -40,7 +40,7 @@ def new(target: Path, records: tuple[Path, ...], origin: str | None) -> dict[str
     console = terminal.output()
     for path in made.files:
         console.print(f"wrote {path}", soft_wrap=True)
-    console.print(f"next: cd {target}; heavebond run {made.diagrams[0].name}; then as {target / 'README.md'} says",
+    console.print(f"next: cd {target}; heavebond run {made.diagrams[0].name}; then as {target / 'README.md'} describes",
                   soft_wrap=True)
     return {"folder": str(target), "files": [str(path) for path in made.files]}
 
@@ -52,7 +52,7 @@ def _experiment(path: Path, origin: str | None, records: tuple[Path, ...]) -> di
     from heavebond.language.model import load
 
     if origin is None or not records:
-        what = "the diagram is not given" if origin is None else "there are no records"
+        what = "the diagram is missing" if origin is None else "there are no records"
         raise UsageError([Problem("usage", what, None, f"Write for example `heavebond new {path} --from "
                                   f"{origin or 'machine.yaml'} {' '.join(map(str, records)) or 'record.csv'}`.")])
     check_new(path, (".yaml", ".yml"))
@@ -71,4 +71,4 @@ def _experiment(path: Path, origin: str | None, records: tuple[Path, ...]) -> di
 
 
 def _unit(unit: str, known: bool) -> str:
-    return unit if known else f"{unit} (supposed: the file gives none that is known)"
+    return unit if known else f"{unit} (assumed: the file gives no known unit)"

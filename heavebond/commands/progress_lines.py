@@ -1,8 +1,8 @@
-"""Progress of long commands as plain lines on standard error, where that is no terminal: in log files and batch jobs.
+"""Progress of long commands as plain lines on standard error if it is not a terminal: in log files and batch jobs.
 
-A line is printed every five seconds, the first after five seconds of the command. A thread prints it, as a computation may
-take longer than that between two calls of its progress callback. (CasADi holds the interpreter during an integration: a
-single integration that takes longer delays the line.)
+A line is printed every five seconds, the first after five seconds of the command. A separate thread prints it, because a
+computation may take longer than five seconds between two calls of its progress callback. (CasADi holds the interpreter
+during an integration: a single longer integration delays the line.)
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from typing import TextIO
 from heavebond.core.progress import duration
 
 EVERY = 5.0  # seconds between two lines
-VARIABLE = "HEAVEBOND_PROGRESS"  # environment variable: another number of seconds, 0 for no lines
+VARIABLE = "HEAVEBOND_PROGRESS"  # environment variable: number of seconds between lines, 0 for no lines
 COUNTED = re.compile(r"\b([0-9]+) of ([0-9]+)\b")  # the progress of a stage in its text: `refitting 3 of 24: ...`
-TELLING = 1.0  # seconds that a stage has to take before its remaining time is estimated
+TELLING = 1.0  # seconds that a stage must take before its remaining time is estimated
 
-_running: list[ProgressLines] = []  # of the command that runs
+_running: list[ProgressLines] = []  # of the running command
 
 
 class ProgressLines:
-    """What a command is doing (`words`), its latest progress text, and the lines made of them. Times are in s."""
+    """The lines about the running stage (`words`) and its latest progress text. Times are in s."""
 
     def __init__(self, words: str, now: float):
         self.words, self.text, self.began = words, "", now
@@ -48,7 +48,7 @@ class ProgressLines:
         self._last = (now, done)
 
     def left(self, now: float) -> float | None:
-        """Seconds to the end of the stage at its mean rate so far; None where that is not known."""
+        """Seconds to the end of the stage at its mean rate so far; None if the rate is not known."""
         done, took = self._last[1] - self._first[1], self._last[0] - self._first[0]
         counted = COUNTED.search(self.text) is not None and self.text.startswith(self._stage[0])
         if not counted or done <= 0 or took < TELLING or " left" in self.text:  # a study estimates it itself
@@ -64,7 +64,7 @@ class ProgressLines:
 
 @contextlib.contextmanager
 def progress_lines(words: str) -> Iterator[None]:
-    """Within it lines are printed where standard error is no terminal; within another one, or without words, nothing
+    """Print lines inside if standard error is not a terminal; inside another such context, or without words, nothing
     changes."""
     every = interval()
     if _running or not every or not words or sys.stderr.isatty():
@@ -89,7 +89,7 @@ def progress_lines(words: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def told(words: str) -> Iterator[Callable[[str], None]]:
-    """Within it the lines say what is done now, `words`; gives the progress callback."""
+    """Set the words for the current stage inside; yields the progress callback."""
     if not _running:
         yield lambda text: None
         return
@@ -113,18 +113,18 @@ def _print(lines: ProgressLines, write: Callable[[str], None], every: float, end
     while not ended.wait(every):
         try:
             write(lines.line(clock.monotonic()) + "\n")
-        except (OSError, ValueError):  # nobody reads any more
+        except (OSError, ValueError):  # the reader of standard error has closed it
             return
 
 
 @contextlib.contextmanager
 def _errors() -> Iterator[Callable[[str], None]]:
-    """A function that writes to standard error as it is now, without buffers: during an integration the solver's own words
-    are caught from file descriptor 2, and a lock that is held when a worker process is forked stays locked there."""
+    """A function that writes to the present standard error without buffers. During an integration the solver's output is
+    captured from file descriptor 2, and a lock that is held while a worker process is forked stays locked in it."""
     stream: TextIO = sys.stderr
     try:
         copy = os.dup(stream.fileno())
-    except (OSError, ValueError):  # no file behind it
+    except (OSError, ValueError):  # standard error has no file descriptor
         yield lambda text: print(text, end="", file=stream, flush=True)
         return
     try:

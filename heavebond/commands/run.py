@@ -39,7 +39,7 @@ if TYPE_CHECKING:
               help="Draw a variable, an output or a formula of these. May be repeated.")
 @click.option("--save", "saved", metavar="FILE", multiple=True, type=click.Path(path_type=Path),
               help="Write the time series (.csv, .parquet, .mat or .nc). May be repeated.")
-@picture_option("Where to draw; without --plot all outputs of the diagram are drawn")
+@picture_option("Picture file; without --plot all outputs of the diagram are drawn")
 @click.option("--rtol", metavar="NUMBER", type=Number(0, 0.1, min_open=True), default=1e-8, show_default=True,
               help="Relative tolerance of the integrator.")
 @click.option("--solver", metavar="NAME",
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 @click.option("--allow-fmu", is_flag=True,
               help="Run the programs in the FMUs of the diagram. Do so only with FMUs you trust.")
 @click.option("--verify", "verified", is_flag=True, help="Repeat with tighter tolerances and a tenth of the widths of all "
-              "transitions; tell which outputs move.")
+                                                         "transitions; show how far each output moves.")
 @click.option("--within", metavar="SHARE", type=Number(0, 1, min_open=True), default=0.01, show_default=True,
               help="With --verify: allowed change of an output, as a share of its range.")
 @json_option
@@ -113,12 +113,12 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
 
 
 def _tell(found: Verification, told: dict[str, object]) -> None:
-    """Print how far each output moves, and put it into the figures; SimulationError with these where one moves too far."""
+    """Print how far each output moves and add it to the figures; SimulationError if one moves too far."""
     from heavebond.commands import terminal
     from heavebond.optimise.verification import raise_if_moved
 
     terminal.output().print(terminal.table(
-        "what moves, in shares of the range", ("output", "tolerances / 100", "and widths / 10"),
+        "change, as a share of the range", ("output", "tolerances / 100", "and widths / 10"),
         [(m.name, f"{m.by_tolerances:.1e}", f"{m.by_widths:.1e}" if found.widths else "-") for m in found.outputs], text=1))
     shares = {m.name: {"by_tolerances": m.by_tolerances, "by_widths": m.by_widths} for m in found.outputs}
     told["verify"] = {"allowed": found.allowed, "widths": list(found.widths), "moved": [m.name for m in found.moved],
@@ -127,14 +127,14 @@ def _tell(found: Verification, told: dict[str, object]) -> None:
 
 
 def _figures(result: Result, names: Sequence[str]) -> dict[str, dict[str, float | str]]:
-    """min, max, rms and last value of signals, each in the unit in which the result gives it."""
+    """min, max, rms and last value of signals, each in the unit of the result."""
     return {name: {**figures.as_dict(), "unit": result.unit(name)} for name, figures in result.figures(names).items()}
 
 
 def _shown(value: float | str) -> str:
     from heavebond.core.presentation import number
 
-    # below this it is the integrator's rounding in any unit that an engineer shows
+    # smaller values are rounding of the integrator in any unit in use
     return number(0.0 if abs(float(value)) < 1e-12 else float(value))
 
 

@@ -45,8 +45,9 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, until: str | 
            ) -> dict[str, object]:
     """Analyse an oscillating signal of a saved RUN (.csv, .parquet, .mat, .nc), of a record, or of a simulation.
 
-    The significant height is 4 sqrt(m_0) of the spectrum; waves go from one upward crossing of the mean to the next; cycles
-    are counted by the rainflow method (ASTM E1049-85), the equivalent range is that of one cycle a second.
+    The significant height is 4 sqrt(m_0) of the spectrum. A wave lasts from one upward crossing of the mean to the next.
+    Cycles are counted by the rainflow method (ASTM E1049-85); the equivalent range is the range of one cycle per second
+    with the same damage.
     """
     from heavebond.commands import terminal
     from heavebond.numerics.output_times import seconds
@@ -79,7 +80,7 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, until: str | 
 
 def _run(file: str, signals: tuple[str, ...], settings: tuple[str, ...], until: str | None, every: str | None,
          window: tuple[float, float]) -> list[EvenSignal]:
-    """Signals of a diagram that is run now."""
+    """Simulate a diagram and take the signals of the run."""
     from heavebond.commands import terminal
     from heavebond.language.model import load
     from heavebond.numerics.simulation import simulate
@@ -98,7 +99,7 @@ def _run(file: str, signals: tuple[str, ...], settings: tuple[str, ...], until: 
 
 
 def _figures(one: SignalAnalysis, slope: float) -> dict[str, Any]:
-    """The numbers of a signal, in its unit and in s; only its mean where it stands still."""
+    """The numbers of a signal, in its unit and in s; only its mean if it does not vary."""
     course = one.course
     told: dict[str, Any] = {"unit": course.unit, "from": float(course.time[0]), "to": float(course.time[-1]),
                             "step": course.step, "note": course.note, "mean": one.mean, "deviation": one.deviation,

@@ -17,21 +17,21 @@ if TYPE_CHECKING:
 @click.command("try", short_help="Try one missing effect by hand.")
 @click.argument("experiment")
 @click.argument("component")
-@click.option("--between", nargs=2, metavar="NODE NODE", help="The two nodes between which it stands.")
+@click.option("--between", nargs=2, metavar="NODE NODE", help="The two nodes between which the effect is placed.")
 @click.option("--at", "at", metavar="NAME", multiple=True,
-              help="The node, part or output at which it stands; of a factor the parameter and the variable.")
+              help="The node, part or output of the effect; for a factor the parameter and the variable.")
 @click.option("--write", "written", metavar="FOLDER|FILE", type=click.Path(path_type=Path),
-              help="Write the diagram with the effect, and the experiment on it, into FOLDER (made if needed), or the "
-              "experiment as FILE.yaml. Names of earlier results are counted up.")
+              help="Write the diagram with the effect, and the experiment on it, into FOLDER (created if needed), or the "
+              "experiment as FILE.yaml. If the names exist, the next free number is used.")
 @json_option
 def try_effect(experiment: str, component: str, between: tuple[str, str] | None, at: tuple[str, ...], written: Path | None
                ) -> dict[str, object]:
     """Add COMPONENT to the diagram of EXPERIMENT, estimate all free parameters with it, and show the errors.
 
-    COMPONENT has an `effect:` entry (`heavebond candidates EXPERIMENT` lists those that fit), or is a dormant parameter
-    such as cylinder.leakage, or a number that the diagram holds fixed such as crown.m. A parameter that varies is tried by
-    LinearVariation, PiecewiseVariation or another factor, with the parameter and the variable as places:
-    --at spring.c --at spring.s.
+    COMPONENT has an `effect:` entry (`heavebond candidates EXPERIMENT` lists those that fit), or is an inactive parameter
+    such as cylinder.leakage, or a number that the diagram holds fixed such as crown.m. For a parameter that varies, add
+    LinearVariation, PiecewiseVariation or another factor, with the parameter and the variable as places: --at spring.c
+    --at spring.s.
     """
     from heavebond.commands import terminal
     from heavebond.diagnosis.answer.files import write_findings
@@ -45,7 +45,7 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
         found = attempt(given, component, [*(between or ()), *at], progress=progress)
     console = terminal.output()
     terminal.show(attempt_items(found))
-    targets = _targets(given, written)  # another command may have written there meanwhile
+    targets = _targets(given, written)  # another command may have written to this folder meanwhile
     files = [] if targets is None else write_findings(given, [found.finding], targets)
     if targets is not None and targets.passed:
         console.print(f"{targets.passed} exists and is kept: the new files have the next free number", soft_wrap=True)
@@ -58,7 +58,7 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
 
 
 def _targets(given: Experiment, written: Path | None) -> Targets | None:
-    """What --write names: a file where it ends in .yaml, else a folder; None without it."""
+    """Files that --write names: a file if it ends in .yaml, else a folder; None without it."""
     from heavebond.diagnosis.answer.files import Targets
 
     if written is None:

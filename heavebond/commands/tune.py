@@ -33,16 +33,17 @@ if TYPE_CHECKING:
 @click.command(short_help="Tune parameters of a diagram by exact gradients.")
 @click.argument("study", metavar="STUDY|DIAGRAM")
 @click.option("--free", metavar="PARAMETER[=RANGE][,...]", multiple=True,
-              help="What may move: controller.K_p='0 .. 8 1/m'. Without a range 0 to three times its value. May repeat.")
-@click.option("--cost", metavar="FORMULA", help="What is to be small, e.g. 'rms(crown.x)/ref(rms(crown.x))'.")
+              help="A free parameter and its range: controller.K_p='0 .. 8 1/m'. Without a range 0 to three times its "
+                   "value. May be repeated.")
+@click.option("--cost", metavar="FORMULA", help="The cost to minimise, e.g. 'rms(crown.x)/ref(rms(crown.x))'.")
 @click.option("--limit", "limits", metavar="FORMULA", multiple=True,
-              help="What must be kept, e.g. 'peak(extension) < 3.8 m' or 'damping(least) > 0.1'. May be repeated.")
+              help="A limit, e.g. 'peak(extension) < 3.8 m' or 'damping(least) > 0.1'. May be repeated.")
 @click.option("--stable/--no-stable", default=None,
-              help="Whether the tuned machine must be stable at rest [default: as the study says, else it must "
-                   "if that can be decided].")
-@click.option("--evaluate", metavar="'FROM .. TO'", help="The time that counts, e.g. '72 .. 96 s'; else the whole run.")
+              help="Whether the tuned machine must be stable at rest [default: as in the study; else yes if stability can "
+                   "be decided].")
+@click.option("--evaluate", metavar="'FROM .. TO'", help="The evaluated time, e.g. '72 .. 96 s' [default: the whole run].")
 @click.option("--reference", metavar="PATH=VALUE", multiple=True,
-              help="A value of the run that ref(...) is taken from. May be repeated.")
+              help="A value of the run from which ref(...) is computed. May be repeated.")
 @set_option
 @click.option("--method", default="trust", show_default=True, help="trust or ipopt.")
 @click.option("--explore", type=Whole(0), default=5, show_default=True,

@@ -40,8 +40,8 @@ _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
 
 
 def parse_component(source: Source, domains: Dictionary[str, Domain], base: Component | None = None) -> Component:
-    """A component file as a value, `base` the component that it extends; ModelError with all problems of form (the three
-    laws are checked apart)."""
+    """Convert a component file to a value, where `base` is the component that it extends; ModelError with all problems of
+    form (the three laws are checked separately)."""
     problems = Problems()
     component = _Parser(source, domains, problems).component() if base is None else extension(source, base, problems)
     problems.raise_as(ModelError)
@@ -131,7 +131,7 @@ class _Parser:
 
     def _sliding(self, node: Node | None, parameters: Dictionary[str, Parameter], variables: Dictionary[str, Variable]
                  ) -> dict[str, float]:
-        """What is set where the dry friction of a component is linearised as it slides, in SI."""
+        """Values that are set when the dry friction of a component is linearised in sliding, in SI."""
         entries = reading.mapping(node, "sliding", self.problems, "Write `sliding: {F_c: 0 N}`.")
         found: dict[str, float] = {}
         held = {name: variable for name, variable in variables.items() if variable.held is not None}
@@ -195,7 +195,7 @@ class _Parser:
         ports[key.text] = Port(key.text, domain, key.place, doc, count)
 
     def _shape(self, node: Mapping) -> tuple[Expr | None, Expr | None]:
-        """How many it is a list of, or the rows and columns of a matrix, by whole numbers."""
+        """Length of a list, or rows and columns of a matrix, as expressions of whole numbers."""
         count, columns = (*reading.sizes(node, self.problems), None, None)[:2]
         return count, columns
 
@@ -261,9 +261,9 @@ class _Parser:
                         self._delayed(node, key))
 
     def _bound(self, node: Mapping, name: str, unit: Unit | None, key: Scalar) -> float | None:
-        """A bound or default in SI; its unit may be left out where the declared one is dimensionless or it is 0.
+        """A bound or default in SI; the unit may be omitted if the declared one is dimensionless or the value is 0.
 
-        `unit` is None where the declared one could not be read, which is said already.
+        `unit` is None if the declared unit could not be read, which is reported already.
         """
         item = node.items.get(name)
         found = reading.value(item, f"{name} of {key.text}", self.problems) if item is not None else None
@@ -302,7 +302,7 @@ class _Parser:
         tree = reading.parsed(parse_equation, content, begin, self.problems)
         if tree is None:
             return None
-        # the place is where the tree's columns count from; it covers the whole equation
+        # columns of the tree count from this place; it covers the whole equation
         return EquationLine(tree, content, label, begin.moved(0, len(content)), each)
 
     def _formula(self, root: Mapping, key: str) -> Formula | None:
@@ -323,7 +323,7 @@ class _Parser:
         return tuple(f for f in found if f is not None)
 
     def _requirement(self, word: Scalar) -> Formula | None:
-        """A comparison; `x[i] < x[i + 1] for i in 1..n - 1` holds where the number of those that do not is 0."""
+        """A comparison; `x[i] < x[i + 1] for i in 1..n - 1` is true if no i violates it."""
         body, loop, rest = word.text.partition(" for ")
         counted = f"sum(if_else({body}, 0, 1) for {rest}) == 0"
         read = reading.formula_of(replace(word, text=counted) if loop else word, "requires", self.problems)

@@ -38,8 +38,8 @@ KEYS = ("class", "description", "attaches", "amplitude", "search_range", "also",
 
 def read_search_range(node: Node | None, unit: Unit, variables: Dictionary[str, Variable], what: str, problems: Problems
                       ) -> SearchRange | None:
-    """`1 .. 200 mm/s`, or `seen s`: the range in which the component's own variable s moves in the records; or `middle s`,
-    `half s`, `peak s`: held at what that motion says."""
+    """Read `1 .. 200 mm/s`, or `seen s`: the range of the component's variable s in the records; or `middle s`, `half s`,
+    `peak s`: a fixed value computed from that motion."""
     said = reading.text(node, what, problems)
     if node is None or not said:
         return None
@@ -64,7 +64,7 @@ def read_search_range(node: Node | None, unit: Unit, variables: Dictionary[str, 
     return SearchRange(found, "", node.place)
 
 
-WORDS = ("part", "place")  # fields of `meaning:` beside the ports: the name of the part, and the place in words
+WORDS = ("part", "place")  # fields of `meaning:` besides the ports: the name of the part, and the place in words
 
 
 def read_meaning(node: Node | None, problems: Problems) -> Meaning | None:
@@ -87,7 +87,7 @@ def read_meaning(node: Node | None, problems: Problems) -> Meaning | None:
 
 
 def read_typical(node: Node | None, unit: Unit, what: str, problems: Problems) -> Typical | None:
-    """`{range: 2 .. 25 W/(m**2*K), source: who says so}`."""
+    """`{range: 2 .. 25 W/(m**2*K), source: VDI Heat Atlas}`."""
     entry = reading.mapping(node, "typical", problems, "Write `typical: {range: 2 .. 25 mm, source: who says so}`.")
     if entry is None:
         return None
@@ -111,7 +111,7 @@ def _check_ends(found: Range, unit: Unit, said: str) -> None:
 
 @dataclass(frozen=True)
 class EffectReader:
-    """The parts of a component that its effect speaks of."""
+    """Reader of a component's effects, with the parts of the component that they refer to."""
 
     ports: Dictionary[str, Port]
     signals: Dictionary[str, SignalPort]
@@ -120,7 +120,7 @@ class EffectReader:
     problems: Problems
 
     def effects(self, node: Node | None) -> tuple[Effect, ...]:
-        """The `effect:` entry, or a list of them; problems are noted with their places."""
+        """Read the `effect:` entry, or a list of them; problems are noted with their places."""
         entries = node.items if isinstance(node, Sequence) else [node]
         return tuple(effect for entry in entries if (effect := self._effect(entry)) is not None)
 
@@ -147,7 +147,7 @@ class EffectReader:
     def _attaches(self, entry: Mapping, also: Dictionary[str, str]) -> tuple[str, ...]:
         found = []
         node = entry.items.get("attaches")
-        # a list has one word an item; a plain text may have a space in it (`in series`)
+        # items of a list are single words; a plain text may contain a space (`in series`)
         said = [node] if isinstance(node, Scalar) else reading.words(node, "attaches", self.problems)
         for word in said:
             if word.text not in ATTACHES:
@@ -161,7 +161,7 @@ class EffectReader:
         return tuple(found)
 
     def _unsuited(self, word: str, also: Dictionary[str, str]) -> str:
-        """What the ports lack for a way of attaching; empty where they suit. Ports under `also:` do not count."""
+        """The ports that are missing for a way of attaching; empty if they suit. Ports under `also:` do not count."""
         power = [p for p in self.ports.values() if p.name not in also]
         inputs = [s for s in self.signals.values() if s.direction == "in"]
         outputs = [s for s in self.signals.values() if s.direction == "out"]
@@ -262,7 +262,7 @@ class EffectReader:
         return tuple(found)
 
     def _check_meaning(self, meaning: Meaning | None, ports: tuple[str, ...]) -> None:
-        """Each field is a word, one of the `ports`, or a formula of parameters with a unit."""
+        """Check that each field is a word, one of the `ports`, or a formula of parameters with a unit."""
         if meaning is None:
             return
         for field in meaning.fields:
@@ -306,7 +306,7 @@ class EffectReader:
         return formula
 
     def _check(self, entry: Mapping) -> None:
-        """What is left out; an entry that is there but wrong has been told already."""
+        """Report missing entries; wrong entries have been reported already."""
         problems, place = self.problems, entry.place
         if not {"attaches", "replaces"} & entry.items.keys():
             problems.add("effect-nowhere", "the effect does not say where it may stand", place,
@@ -322,7 +322,7 @@ class EffectReader:
                              place, hint="List it under `search_range:` with a range, or give it a default.")
 
     def dormant(self) -> None:
-        """Notes what parameters say of effects that could wake, where that is not so."""
+        """Report inconsistent declarations of dormant effects at parameters."""
         for parameter in self.parameters.values():
             needed = (("class", parameter.kind), ("wakes_with", parameter.wakes_with), ("meaning", parameter.meaning))
             self._check_meaning(parameter.meaning, ())
@@ -344,7 +344,7 @@ def _named(node: Node | None) -> list[str]:
 
 
 def check_required(component: Component, effect: Effect, kinds: Container[str]) -> None:
-    """ModelError where an effect requires a kind of component that there is not."""
+    """Raise ModelError if an effect requires a kind of component that does not exist."""
     for port, required in effect.requires.items():
         for kind in required if port in component.ports else ():
             if kind not in kinds:
@@ -352,8 +352,8 @@ def check_required(component: Component, effect: Effect, kinds: Container[str]) 
 
 
 def check_replacing(component: Component, effect: Effect, old: Component) -> None:
-    """ModelError where a component cannot take the place of the one that its effect names: other ports, or formulas under
-    `start:` that speak of anything but the old one's parameters."""
+    """Raise ModelError if a component cannot replace the one that its effect names: other ports, or formulas under
+    `start:` with names other than the parameters of the old one."""
     problems = Problems()
     if {*component.ports, *component.signals} != {*old.ports, *old.signals}:
         problems.add("effect-ports", f"{component.name} cannot take the place of {old.name}: their ports have other names",

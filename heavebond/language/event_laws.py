@@ -16,7 +16,7 @@ EQUALITIES = ("==", "!=")
 
 
 def check_events(component: Component, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
-    """Note what is wrong in the held variables and the events of a component; `lookup` gives the unit of a name."""
+    """Report mistakes in the held variables and the events of a component; `lookup` gives the unit of a name."""
     _equations_leave_alone(component, problems)
     for event in component.when:
         if event.key == "condition":
@@ -59,7 +59,7 @@ def check_initial(component: Component, lookup: Lookup, problems: Problems) -> N
 
 
 def _equations_leave_alone(component: Component, problems: Problems) -> None:
-    """A held variable stands in no equation that would decide it."""
+    """Check that no equation determines a held variable."""
     for line in component.equations:
         sides = (line.tree.left, line.tree.right)
         if isinstance(name := line.tree.left, Name) and name.text in component.held:
@@ -89,7 +89,7 @@ def _only_parameters(component: Component, name: Name, what: str) -> None:
 
 
 def _instant(component: Component, event: EventDefinition, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
-    """`at`, `every` and `from` are times that follow from parameters; a period is above zero."""
+    """Check that `at`, `every` and `from` are times that depend on parameters only, and that a period is above zero."""
     for key, formula in ((event.key, event.formula), ("from", event.first)):
         if formula is None:
             continue
@@ -124,7 +124,9 @@ def _condition(component: Component, formula: Formula, lookup: Lookup, lengths: 
 
 
 def _equality(component: Component, part: Compare) -> None:
-    """What moves passes a value in no time; only held variables and parameters stay equal to something."""
+    """Refuse an equality of continuous variables: a moving value passes the other in no time. Held variables and
+    parameters may be compared.
+    """
     still = {*component.held, *component.parameters, "pi"}
     for name in (n for side in (part.left, part.right) for n in names(side) if n.text not in still):
         raise ExpressionProblem("condition-equality", f"'{name.text}' moves, and equals another value in no time",
@@ -157,8 +159,8 @@ def _reset(component: Component, reset: Reset, lookup: Lookup, lengths: Lengths,
 
 
 def _impulse(component: Component, event: EventDefinition, problems: Problems) -> None:
-    """An impulse is that of a held variable which is 0 between events and stands in the equations; it changes one variable
-    of the component."""
+    """Check that an impulse belongs to a held variable that is 0 between events and occurs in the equations, and that it
+    changes one variable of the component."""
     force = component.held.get(event.impulse)
     speeds = [reset.target.text for reset in event.resets if reset.target.text not in component.held]
     if force is None or force.held or force.count is not None:
@@ -179,7 +181,9 @@ def _impulse(component: Component, event: EventDefinition, problems: Problems) -
 
 
 def _breakaway(component: Component, event: EventDefinition, problems: Problems) -> None:
-    """A breakaway names the speed that it lets change, and otherwise sets a held variable, which starts at 0, to 1 or -1."""
+    """Check that a breakaway names the speed that it may change, and otherwise sets a held variable, which starts at 0,
+    to 1 or -1.
+    """
     calls = [call for line in component.equations for side in (line.tree.left, line.tree.right) for call in _walk(side)]
     rated = {call.args[0].text for call in calls
              if isinstance(call, Call) and call.function == "der" and isinstance(call.args[0], Name)}
@@ -196,7 +200,7 @@ def _breakaway(component: Component, event: EventDefinition, problems: Problems)
 
 
 def _is_given(component: Component, target: Name) -> bool:
-    """Whether a name is decided from outside: a parameter, the time, an input."""
+    """True if a name is determined from outside: a parameter, the time, an input."""
     signal = component.signals.get(target.text)
     return target.text in component.parameters or target.text in ("time", "pi") or \
         (signal is not None and signal.direction == "in")

@@ -1,8 +1,8 @@
 """Import of an FMU for co-simulation: its description is converted to a component file. None of its code is run.
 
-A component of an FMU has the inputs and outputs of it as signals and its parameters with their start values. Its outputs are
-held and set once a `step`. Modelica Association, Functional Mock-up Interface Specification 2.0.4 and 3.0.1,
-https://fmi-standard.org.
+The component of an FMU has its inputs and outputs as signals and its parameters with their start values. Its outputs are
+held variables that are set once in each `step`. Modelica Association, Functional Mock-up Interface Specification 2.0.4
+and 3.0.1, https://fmi-standard.org.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ WHOLE = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 1
 NUMBERS = (*REAL, *WHOLE, "Boolean")
 TAKEN = {*KEYWORDS, "time", "pi", "is", "at", "repeat", "step"}
 LONGEST_DOC = 200
-EXCHANGE = "exchange"  # the event in which signals are handed over
-LAST = "last_"  # what an output is held in
+EXCHANGE = "exchange"  # the event that exchanges the signals
+LAST = "last_"  # prefix of the held variable of an output
 
 
 def described(path: Path) -> tuple[str, Foreign]:
-    """The component file that an FMU amounts to, and what its names are in the FMU; ModelError with what cannot be used."""
+    """Convert an FMU to the text of a component file and its names in the FMU; ModelError for unsupported features."""
     description = _read(path)
     if description.fmiVersion[:1] not in "23":
         raise _unusable(path, f"is written in FMI {description.fmiVersion}", "FMI 2.0 and 3.0 are read.")
@@ -69,7 +69,7 @@ def _read(path: Path) -> Any:
                                   "pip install 'heavebond[fmu]'")]) from None
     try:
         return read_model_description(str(path), validate=False)
-    except Exception as error:  # of broken archives and descriptions FMPy complains in many ways
+    except Exception as error:  # FMPy reports broken archives and descriptions by many kinds of exceptions
         said = (str(error).splitlines() or [""])[0]
         raise ModelError([Problem("fmu-unreadable", f"{path.name} is not an FMU that can be read", None,
                                   "Export it again; it is a ZIP file with a modelDescription.xml.",
@@ -77,7 +77,7 @@ def _read(path: Path) -> Any:
 
 
 class _Names:
-    """Names of an FMU's variables as the language takes them, none twice."""
+    """Unique names for the variables of an FMU, in the form of the language."""
 
     def __init__(self) -> None:
         self.given: set[str] = set()
@@ -93,7 +93,7 @@ class _Names:
 
 
 class _Units:
-    """The units of an FMU as base units of the language with factor and offset; `$name` where none is given."""
+    """The units of an FMU as base units of the language with factor and offset; `$name` without a unit."""
 
     def __init__(self, definitions: dict[str, Any]):
         self.definitions = definitions
@@ -167,7 +167,7 @@ def _quantity(number: float, unit: str | None) -> str:
 
 
 def _bounds(v: Any, found: ForeignVariable, unit: str | None) -> str:
-    """The bounds of a parameter, for its declaration; those that are no numbers are left out."""
+    """The bounds of a parameter for its declaration; non-numeric bounds are omitted."""
     texts = []
     for name in ("min", "max"):
         said = getattr(v, name, None)
@@ -186,6 +186,6 @@ def _doc(v: Any) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A text that YAML takes as it is."""
+    """Quote a text for YAML."""
     plain = " ".join("".join(c if c.isprintable() else " " for c in text).split())[:LONGEST_DOC]
     return "'" + plain.replace("'", "''") + "'"

@@ -1,15 +1,16 @@
-"""Reading of function files: a law that several components share, called in their equations by its name.
+"""Reading of function files: a law that several components share and call by its name in their equations.
 
     function: oil_with_air
     inputs:    {p: {unit: Pa, doc: ...}, ...}
     constants: {w: {unit: Pa, value: 10 kPa, doc: ...}}
     outputs:   {k: {unit: 1/Pa, doc: ...}}
     equations: |
-      r = ...      # a name of its own, which later lines may use
+      r = ...      # a local name for later lines
       k = ...      # an output
 
-Every line gives one name, from inputs, constants and the names of the lines above it. Units are checked as in a component.
-An input or output with `count: n` is a list, with `count: [n, m]` a matrix; the lengths are those of a call's arguments.
+Every line defines one name, from inputs, constants and the names of the lines above it. Units are checked as in a
+component. An input or output with `count: n` is a list, with `count: [n, m]` a matrix; the lengths are the lengths of a
+call's arguments.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from heavebond.text.shapes import check_steps, whole_number
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
 
 FUNCTION_KEYS = ("function", "summary", "restrictions", "source", "inputs", "outputs", "constants", "equations")
-# a function is a relation between numbers: it knows no derivative, no time and no jump that an event would have to find
+# a function is a relation between numbers: it has no derivative, no time and no jump that would need an event
 REFUSED = {"der": "a function relates values at one instant", "floor": "it jumps where no event stops the integrator"}
 ELEMENTS = ("Write a formula of whole lists (`y = x[2..n] - x[1..n - 1]`) or the elements in brackets (`y = [a, b]`,\n"
             "`K = [[a, b], [c, d]]`), or let the function give one element by its indices, and write\n"
@@ -52,7 +53,7 @@ SNAKE_CASE = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 
 def parse_function(source: Source) -> Function:
-    """A function file as a value; ModelError with all that is wrong with its form, names and units."""
+    """Convert a function file to a value; ModelError with all mistakes in its form, names and units."""
     return _Parser(source).function()
 
 
@@ -173,7 +174,9 @@ class _Checker:
                 seen[name] = what
 
     def _check_lengths(self) -> None:
-        """A length of an input is a name of its own or a whole number, one of an output follows from these."""
+        """Check that the length of an input is a new name or a whole number, and that the length of an output follows
+        from these.
+        """
         function, known = self.function, set(self.function.lengths)
         for quantity in (*function.inputs.values(), *function.outputs.values()):
             entry = quantity.name in function.inputs
@@ -190,7 +193,7 @@ class _Checker:
                       "Give one of them another name.")
 
     def _check_shapes(self) -> None:
-        """Which names are numbers, lists and matrices; whole numbers are those of each call."""
+        """Determine which names are numbers, lists and matrices; whole numbers may differ in each call."""
         for step in self.function.steps:
             for name in names(step.expr):
                 place = step.place.moved(name.column, name.length)
@@ -241,7 +244,7 @@ class _Checker:
 
 
 def _refuse(expr: Expr) -> None:
-    """No derivative and no jump inside a function."""
+    """Refuse derivatives and jumps inside a function."""
     if isinstance(expr, Call) and expr.function in REFUSED:
         raise ExpressionProblem("function-refused", f"{expr.function}() has no place in a function: "
                                 f"{REFUSED[expr.function]}", expr.column, len(expr.function),

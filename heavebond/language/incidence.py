@@ -11,14 +11,14 @@ import casadi as ca
 
 from heavebond.language.symbols import split, stack
 
-# Kinds of occurrence. Those up to DEFINITE can be solved for explicitly.
+# Kinds of occurrence. Equations can be solved explicitly for unknowns of kinds up to DEFINITE.
 UNIT, NUMBER, PARAMETER, DEFINITE, INDEFINITE, NONLINEAR = range(6)
 Interval = tuple[float, float]
 EVERYTHING: Interval = (-inf, inf)
 
 
 class Entry(NamedTuple):
-    """Unknown `column` in an equation: its kind and, where it is linear, the coefficient d(residual)/d(unknown)."""
+    """Unknown `column` in an equation: its kind and, if it occurs linearly, the coefficient d(residual)/d(unknown)."""
 
     column: int
     kind: int
@@ -27,18 +27,19 @@ class Entry(NamedTuple):
 
 def classify(residuals: ca.SX, unknowns: ca.SX, constants: set[int], bounds: Mapping[int, Interval]
              ) -> list[list[Entry]]:
-    """The entries of each residual (m,) with respect to the unknowns (n,).
+    """Incidence entries of each residual (m,) with respect to the unknowns (n,).
 
-    `constants` holds the hashes of symbols that never change during a run; `bounds` the interval that a symbol
-    keeps to, by its hash. A coefficient is
+    `constants` contains the hashes of symbols that are constant during a run; `bounds` the interval of a symbol, by its
+    hash. A coefficient is
+
     UNIT +-1 | NUMBER another number | PARAMETER of constants only | DEFINITE never of both signs within the bounds |
-    INDEFINITE linear, but the coefficient may pass through zero | NONLINEAR (also where a sign or a comparison is made of
-    it, whose derivative is zero).
+    INDEFINITE linear, but the coefficient may pass through zero | NONLINEAR (also if a sign or a comparison depends on
+    the unknown, whose derivative is zero).
     """
     jacobian = ca.jacobian(residuals, unknowns)
     rows: list[list[Entry]] = [[] for _ in range(residuals.numel())]
     row_of, column_of = jacobian.sparsity().get_triplet()
-    occurring = sorted(set(column_of))  # perhaps few of many
+    occurring = sorted(set(column_of))  # the equations may depend on few of many unknowns
     own = {column: s.element_hash() for column, s in zip(occurring, split(unknowns[occurring]), strict=True)}
     stepped = _stepped(residuals, {s: column for column, s in own.items()})
     # CasADi's stubs call the entries SXElem; they are scalar SX
@@ -51,21 +52,21 @@ def classify(residuals: ca.SX, unknowns: ca.SX, constants: set[int], bounds: Map
     return rows
 
 
-# Operations of CasADi whose derivative is zero wherever they have one.
+# Operations of CasADi whose derivative is zero wherever it exists.
 STEPS = frozenset((ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR, ca.OP_SIGN, ca.OP_FLOOR,
                    ca.OP_CEIL))
 
 
 def _stepped(residuals: ca.SX, column_of: Mapping[int, int]) -> set[tuple[int, int]]:
-    """The (row, column) where a comparison, a sign or a whole number is made of the unknown, whose column is given by its
-    hash: the residual is not linear in it there, whatever the derivative is (`v - if_else(v > 0, a, b)` has the constant
+    """The (row, column) for which a comparison, a sign or a whole number depends on the unknown, whose column is given by
+    its hash. The residual is not linear in it, whatever the derivative is (`v - if_else(v > 0, a, b)` has the constant
     derivative 1)."""
     symbols = ca.symvar(residuals)
     function = ca.Function("f", [stack(symbols)], [residuals])
     ids = [function.instruction_id(k) for k in range(function.n_instructions())]
     if STEPS.isdisjoint(ids):
         return set()
-    # of each place of the work vector: the unknowns in it, and those of which it holds steps
+    # for each place of the work vector: the unknowns in it, and the unknowns on which it depends by a step
     nothing: frozenset[int] = frozenset()
     work: dict[int, tuple[frozenset[int], frozenset[int]]] = {}
     found: set[tuple[int, int]] = set()
@@ -87,7 +88,7 @@ def _stepped(residuals: ca.SX, column_of: Mapping[int, int]) -> set[tuple[int, i
 
 
 def _kind(coefficient: ca.SX, unknown: int, constants: set[int]) -> int | None:
-    """The kind of a coefficient; None where its interval decides."""
+    """The kind of a coefficient; None if its interval decides."""
     if coefficient.is_constant():
         size = abs(float(coefficient))
         return NONLINEAR if size == 0 else UNIT if size == 1 else NUMBER
@@ -102,17 +103,17 @@ def _sign(found: Interval) -> int:
     return DEFINITE if low >= 0 or high <= 0 else INDEFINITE
 
 
-# An end at zero is taken as approached only. A truth value, and what a condition leaves out, is zero: beyond by this much.
+# An end at zero is approached only. A truth value, and the inactive branch of a condition, is zero: beyond by this much.
 REACHED = 1e-200
 
 
 def interval(expression: ca.SX, bounds: Mapping[int, Interval]) -> Interval:
-    """An interval that surely holds the scalar `expression` while its symbols keep to their `bounds`."""
+    """An interval that contains the scalar `expression` for all values of its symbols within `bounds`."""
     return intervals([expression], bounds)[0]
 
 
 def intervals(expressions: Sequence[ca.SX], bounds: Mapping[int, Interval]) -> list[Interval]:
-    """The interval of each scalar expression; what they share is visited once."""
+    """The interval of each scalar expression; shared subexpressions are visited once."""
     if not expressions:
         return []
     together = stack(expressions)
@@ -120,7 +121,7 @@ def intervals(expressions: Sequence[ca.SX], bounds: Mapping[int, Interval]) -> l
     function = ca.Function("f", [stack(symbols)], [together])
     results = [(0.0, 0.0)] * len(expressions)  # a structural zero has no instruction
     work: dict[int, Interval] = {}
-    factors: dict[int, _Factors] = {}  # of each place of the work vector
+    factors: dict[int, _Factors] = {}  # for each place of the work vector
     for k in range(function.n_instructions()):
         op, product = function.instruction_id(k), None
         inputs, outputs = function.instruction_input(k), function.instruction_output(k)
@@ -142,19 +143,19 @@ def intervals(expressions: Sequence[ca.SX], bounds: Mapping[int, Interval]) -> l
     return results
 
 
-# products of more different factors are not looked at for squares
+# products of more different factors are not searched for squares
 MOST_FACTORS = 12
 
 
 @dataclass(frozen=True)
 class _Factors:
-    """A product: its sign, and each factor by its instruction, with its interval and how often it stands there."""
+    """A product: its sign, and each factor by its instruction, with its interval and its exponent."""
 
     sign: float
     powers: dict[int, tuple[Interval, int]]
 
     def narrowed(self, known: Interval) -> Interval:
-        """The interval of the product, where a factor that stands twice, as in x*(m*x), is a square."""
+        """The interval of the product, with a repeated factor, as in x*(m*x), treated as a square."""
         if all(power == 1 for _, power in self.powers.values()):
             return known
         own = (self.sign, self.sign)
@@ -166,7 +167,7 @@ class _Factors:
 
 
 def _multiplied(op: int, args: Sequence[_Factors]) -> _Factors | None:
-    """The factors of a product or of a negated one; None of anything else."""
+    """The factors of a product or of a negated one; None for other operations."""
     if op == ca.OP_NEG:
         return _Factors(-args[0].sign, args[0].powers)
     if op not in (ca.OP_MUL, ca.OP_SQ):
@@ -233,7 +234,7 @@ def _product(a: Interval, b: Interval) -> Interval:
 
 
 def _inverse(a: Interval) -> Interval:
-    """1/a; an end at zero is approached, not reached (the coefficient is checked when numbers are known)."""
+    """1/a; an end at zero is approached, not reached (the coefficient is checked again with numerical values)."""
     if a[0] >= 0:
         return (0.0 if a[1] == inf else 1 / a[1] if a[1] else inf), (inf if a[0] == 0 else 1 / a[0])
     if a[1] <= 0:

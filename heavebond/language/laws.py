@@ -29,12 +29,12 @@ from heavebond.text.expression import Binary, Expr, ExpressionProblem, Name, Sli
 from heavebond.text.shapes import Lengths, Shape, elements, indexed
 
 Domains = Mapping[str, Domain]
-MOST = 10_000  # more ports or equations of a kind than this are a slip
+MOST = 10_000  # more ports or equations of a kind than this are a mistake
 CONSTANTS = {"pi": ONE, "time": SECOND}
 
 
 class Scope:
-    """What a name means inside a component's equations, as a dimension."""
+    """Dimensions of the names in a component's equations."""
 
     def __init__(self, component: Component, domains: Domains):
         self.component, self.domains = component, domains
@@ -43,7 +43,7 @@ class Scope:
             self.plain.update({name: item.unit.dimension for name, item in group.items()})
 
     def __call__(self, name: Name) -> Dimension | None:
-        """The dimension of a name; None (any) in a component whose units are not checked."""
+        """The dimension of a name; None (any) in a component without checks of units."""
         found = self._dimension(name)
         return found if self.component.units_checked else ANY
 
@@ -64,7 +64,7 @@ class Scope:
                                 name.column, name.length, hint)
 
     def _indexed(self, word: str, name: Name) -> None:
-        """Nothing but a list has an index."""
+        """Check that only lists have indices."""
         item = self._item(word)
         if (item is None or item.count is None) and len(name.parts) > 1:
             raise ExpressionProblem("list-index", f"'{word}' is no list; it has no index", name.column, name.length,
@@ -76,7 +76,7 @@ class Scope:
         return next((group[word] for group in groups if word in group), None)
 
     def length(self, name: Name) -> Shape:
-        """The shape of what a name means, with every whole number at 3; None for a number."""
+        """The shape of a name's value, with every whole number at 3; None for a number."""
         word = name.parts[0]
         item = (self.component.ports.get(word) or self._item(word)) if isinstance(word, str) else None
         if item is None or item.count is None:
@@ -114,7 +114,7 @@ _ONE_POWER = declared_unit("m").dimension[0][1]
 
 
 def check(component: Component, domains: Domains) -> None:
-    """Laws 1 and 2 of one component; raises ModelError with all that is wrong."""
+    """Check laws 1 and 2 of one component; ModelError with all mistakes."""
     problems = Problems()
     _clashes(component, problems)
     _units(component, domains, problems)
@@ -185,7 +185,9 @@ def _formula(formula: Formula, wanted: Dimension, what: str, wanted_text: str, s
 
 
 def _delayed(component: Component, name: str, delayed: Delayed, scope: Scope, problems: Problems) -> None:
-    """What is delayed is a signal or variable in the same unit, and the delay a time that follows from parameters."""
+    """Check that a delayed variable has the unit of its source, a signal or variable, and that the delay is a time that
+    depends on parameters only.
+    """
     sources: dict[str, SignalPort | Variable] = {**component.signals, **component.unknowns}
     source = sources.get(delayed.of)
     if source is None or source.count is not None or delayed.of == name:
@@ -203,7 +205,7 @@ def _delayed(component: Component, name: str, delayed: Delayed, scope: Scope, pr
 
 
 def _balance(component: Component, domains: Domains, problems: Problems) -> None:
-    """Law 2: as many equations as unknowns that the component itself must decide."""
+    """Law 2: as many equations as unknowns of the component."""
     unknowns = _own_unknowns(component, domains)
     lengths = Lengths(Scope(component, domains).length, exact=False)
     equations = sum(_repetitions(line, component) * elements(lengths.equation(line.tree)) for line in component.equations)
@@ -232,7 +234,7 @@ def _own_unknowns(component: Component, domains: Domains) -> list[str]:
     for port in component.ports.values():
         if port.name in inner:
             continue
-        # an array counts for the smallest number that its file declares
+        # an array counts with the smallest number that its file permits
         copies = [""] if port.count is None else [f"[{k + 1}]" for k in range(_integer(port.count, component))]
         through = ("flow",) if port.domain.startswith("$") else domains[port.domain].through
         unknowns += [f"{port.name}{index}.{member}" for index in copies for member in through]
@@ -253,7 +255,7 @@ def _repetitions(line: EquationLine, component: Component) -> int:
 
 
 def _integer(expr: Expr, component: Component) -> int:
-    """An array size with every integer parameter at the value 3, enough to tell `each i in 2..n` from `1..n`."""
+    """An array size with every integer parameter at 3, which distinguishes `each i in 2..n` from `1..n`."""
     number = constant(expr)
     if number is not None:
         return int(max(-MOST, min(MOST, number)))

@@ -1,4 +1,4 @@
-"""Components that a name which the library does not know may mean: by its spelling, or by what the components are."""
+"""Suggestions for an unknown component name: by its spelling, or by the words of the library's summaries."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from heavebond.text.yaml_source import read_text
 
 _PARTS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+")
 _SUMMARY = re.compile(r"^summary:[ \t]*(.+)$", re.MULTILINE)
-MISSPELT = 0.85  # difflib's ratio of two names from which one is the other with a slip
+MISSPELT = 0.85  # difflib's ratio of two names that differ by a typing error
 LISTED = 4
-# Words of other programs and of the workshop, and the words for them in the library.
+# Words of other programs and of the workshop, with the library's words for them.
 MEANS = {
     "ground": "fixed ground", "earth": "fixed ground", "limiter": "saturation", "heater": "heat", "cable": "rope",
     "capacitance": "capacitor", "inductance": "inductor", "ram": "cylinder", "jack": "cylinder", "coupling": "clutch",
@@ -26,8 +26,9 @@ MEANS = {
 def near_components(name: str, files: Mapping[str, Path]) -> str:
     """A hint for a component `name` that is none of `files` (by name).
 
-    Where a word of it is found nowhere, the component that is spelt nearly so; else those whose name, summary and domain
-    have most of its words, the simplest first, and of these only such as have no other words, if there are any.
+    If a word of it occurs nowhere, the component with the most similar spelling; else the components whose name, summary
+    and domain contain most of its words, the simplest first, and of these only such without other words, if there are
+    any.
     """
     said = suggest(name, files) or "`heavebond library` lists every component."
     wanted = _words(name)
@@ -52,7 +53,7 @@ def _words(name: str) -> list[str]:
 
 
 def _scores(wanted: list[str], known: str, path: Path) -> list[int]:
-    """For each of the `wanted` words 2 where the name of a component has it, 1 where its summary or domain does, else 0."""
+    """For each of the `wanted` words 2 if the name of a component contains it, 1 if its summary or domain does, else 0."""
     own = set(_words(known))
     summary = _SUMMARY.search(read_text(path))
     told = " ".join([summary.group(1) if summary else "", path.parent.name]).lower()

@@ -1,7 +1,7 @@
 """Search for the term that violates the power balance of a component: a wrong sign, or undeclared energy.
 
 The third law (see `power_law`), sum of the powers in = d(stores)/dt + dissipates + unbalanced, fails on random motions.
-Where it holds on all of them with the sign of one term changed, or of the power at some ports, that term is to blame.
+If it holds on all of them after the sign of one term, or of the power at some ports, is changed, this term is the cause.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from heavebond.language.library import Library, is_bundled
 from heavebond.language.power_law import TOLERANCE, Array, check_power, powers
 from heavebond.text.expression import Expr, Name, names
 
-MOST_PORTS = 5  # of a component whose ports are tried in all combinations; of one with more, each by itself
+MOST_PORTS = 5  # components with up to this number of ports are tried in all combinations, others port by port
 EXEMPT = "A component declares its energy by `stores:` and `dissipates:`; a source is exempt by `power: source`."
 
 
@@ -26,7 +26,7 @@ CREATED, UNDECLARED, UNTRIED = "power-created", "power-undeclared", "power-untri
 
 
 def used(library: Library, bodies: Iterable[Body]) -> list[Component]:
-    """The components of the user's own in diagrams and blocks, each once; the bundled ones are checked by tests."""
+    """The user-defined components in diagrams and blocks, each once; the bundled ones are checked by tests."""
     found: dict[str, Component] = {}
     waiting = list(bodies)
     while waiting:
@@ -38,7 +38,7 @@ def used(library: Library, bodies: Iterable[Body]) -> list[Component]:
 
 
 def power_problems(components: Iterable[Component], domains: Mapping[str, Domain]) -> Iterator[Problem]:
-    """What is wrong with the powers of components, each told once; nothing where the law holds."""
+    """Power problems of components, each reported once; nothing if the law holds."""
     for component in components:
         report = check_power(component, domains)
         if not report.holds:
@@ -48,7 +48,7 @@ def power_problems(components: Iterable[Component], domains: Mapping[str, Domain
 
 
 def power_problem(component: Component, domains: Mapping[str, Domain]) -> Problem:
-    """The term by which a component that breaks the law creates power, with its line."""
+    """The term by which a component creates power, with its line."""
     ports, rows = powers(component, domains)
     power, stored, dissipated, unbalanced, least = rows[:, :5].T
     sizes = np.abs(np.column_stack([rows[:, 5:], stored, dissipated, unbalanced])).max(axis=1) + least
@@ -82,13 +82,12 @@ def power_problem(component: Component, domains: Mapping[str, Domain]) -> Proble
 
 
 def _choices(number: int) -> Iterator[tuple[int, ...]]:
-    """Ports whose power is turned around, few before many."""
+    """Sets of ports whose power is reversed, small sets first."""
     for size in range(1, number + 1 if number <= MOST_PORTS else 2):
         yield from combinations(range(number), size)
 
 
 def _negative(component: Component, share: Array) -> Problem:
-    """A balance that holds with a dissipation below zero."""
     formula = component.dissipates
     assert formula is not None
     always = bool((share <= TOLERANCE).all())
@@ -132,7 +131,7 @@ def _problem(message: str, place: Place | None, notes: Iterable[str]) -> Problem
 
 
 def _lines_of(component: Component, domains: Mapping[str, Domain], ports: Iterable[str]) -> list[EquationLine]:
-    """The equations that set what flows at ports: those in which a through variable stands by itself on one side first."""
+    """The equations that set the through variables of ports; equations with a through variable alone on one side first."""
     wanted = {port.partition("[")[0] for port in ports}
     shared = {member for domain in domains.values() for member in (*domain.across, *domain.positions)}
     found = [line for line in component.equations

@@ -45,12 +45,12 @@ CAMEL_CASE = re.compile(r"[A-Z][A-Za-z0-9]*[a-z][A-Za-z0-9]*")
 _COMMA_IN_INDEX = re.compile(r"\s*,\s*(?=[^\[\]]*\])")
 RESERVED = {*KEYWORDS, "time", "pi"}
 SWITCHES = {"on": 1, "yes": 1, "true": 1, "off": 0, "no": 0, "false": 0}
-FARTHEST = 100  # of a place in a drawing, which is laid out on a grid
+FARTHEST = 100  # limit of a place in a drawing, which is laid out on a grid
 TURNS = (0, 90, 180, 270)  # degrees
 INTERPOLATIONS = ("spline", "linear", "hold")
 
 
-# what a missing entry may be, where there is more to say than its name
+# possible values of a missing entry, if its name does not suffice
 EXAMPLES = {"interpolation": "`interpolation: spline` (what moves smoothly), `linear`, or `hold` (what is switched)",
             "use": "`use: fit`, `use: validate` or `use: test`", "file": "`file: name.csv`",
             "unit": "`unit: ...` with its unit (mm, kN, bar; 1 for a plain number)",
@@ -59,7 +59,7 @@ EXAMPLES = {"interpolation": "`interpolation: spline` (what moves smoothly), `li
 
 def known_keys(node: Mapping, allowed: Iterable[str], what: str, problems: Problems,
                required: Iterable[str] = ()) -> None:
-    """Every key is one that `what` understands, and none of the required ones is missing."""
+    """Check that every key is known to `what`, and that no required key is missing."""
     allowed = list(allowed)
     meant = set()
     for name, key in node.keys.items():
@@ -76,7 +76,7 @@ def known_keys(node: Mapping, allowed: Iterable[str], what: str, problems: Probl
 
 
 def mapping(node: Node | None, what: str, problems: Problems, hint: str = "") -> Mapping | None:
-    """The node as a mapping; a problem and None where it is something else."""
+    """The node as a mapping; a problem and None if it has another form."""
     if node is None or isinstance(node, Mapping):
         return node
     problems.add("not-a-mapping", f"{what} is {node.kind}; `key: value` entries are expected", node.place,
@@ -85,8 +85,8 @@ def mapping(node: Node | None, what: str, problems: Problems, hint: str = "") ->
 
 
 def declarations(node: Node | None, what: str, build: Callable[[Scalar, Mapping], D], problems: Problems) -> dict[str, D]:
-    """What `build` makes of each declaration `name: {unit: ..., doc: ...}`, by name; those that are no declarations are
-    left out with a problem."""
+    """Apply `build` to each declaration `name: {unit: ..., doc: ...}`, by name; malformed declarations are omitted with a
+    problem."""
     entries = mapping(node, what, problems)
     found: dict[str, D] = {}
     for name, item in (entries.items if entries else {}).items():
@@ -110,7 +110,7 @@ def text(node: Node | None, what: str, problems: Problems, default: str = "") ->
 
 
 def choice(node: Node | None, what: str, allowed: tuple[str, ...], problems: Problems) -> str:
-    """The node as one of the words allowed; empty where it is absent or, with a problem, another word."""
+    """The node as one of the words allowed; empty if it is absent or, with a problem, another word."""
     found = text(node, what, problems)
     if node is None or not found or found in allowed:
         return found
@@ -120,7 +120,7 @@ def choice(node: Node | None, what: str, allowed: tuple[str, ...], problems: Pro
 
 
 def words(node: Node | None, what: str, problems: Problems) -> list[Scalar]:
-    """The node as a list of texts; one text alone counts as a list of one."""
+    """The node as a list of texts; a single text counts as a list."""
     if node is None:
         return []
     items = node.items if isinstance(node, Sequence) else (node,)
@@ -135,7 +135,7 @@ def words(node: Node | None, what: str, problems: Problems) -> list[Scalar]:
 
 
 def identifier(key: Scalar, what: str, problems: Problems) -> bool:
-    """The key is a name: letters, digits and underscores, and no word of the formulas."""
+    """True if the key is a name: letters, digits and underscores, and not a keyword of formulas."""
     if not IDENTIFIER.fullmatch(key.text):
         plain = re.sub(r"\W+", "_", key.text).strip("_")
         hint = f" Write for example `{plain}`." if IDENTIFIER.fullmatch(plain) else ""
@@ -150,7 +150,7 @@ def identifier(key: Scalar, what: str, problems: Problems) -> bool:
 
 
 def parsed(parser: Callable[[str], T], content: str, place: Place, problems: Problems) -> T | None:
-    """Run a parser of expressions; its complaint becomes a problem with the caret at the right sign."""
+    """Run a parser of expressions; its error becomes a problem with the caret at the position."""
     try:
         return parser(content)
     except ExpressionProblem as problem:
@@ -161,13 +161,13 @@ def parsed(parser: Callable[[str], T], content: str, place: Place, problems: Pro
 
 
 def add_expression_problem(problem: ExpressionProblem, place: Place, problems: Problems) -> None:
-    """Note what is wrong with an expression that begins at `place`."""
+    """Report the error of an expression that begins at `place`."""
     problems.add(problem.code, problem.message, place.moved(problem.column, problem.length), hint=problem.hint)
 
 
 def value(node: Node, what: str, problems: Problems, declared: Declared | None = None) -> Value | None:
-    """A quantity (`42 kN/m`), arithmetic of quantities (`2 * 460 L/min`), or a formula (`=m_cart`). `declared` gives the
-    declaration of the parameter, where there is one, for a message."""
+    """Read a quantity (`42 kN/m`), arithmetic of quantities (`2 * 460 L/min`), or a formula (`=m_cart`). `declared` gives
+    the declaration of the parameter, if there is one, for a message."""
     if not isinstance(node, Scalar):
         problems.add("not-a-value", f"{what} is {node.kind}; a quantity is expected", node.place,
                      hint="Write for example `42 kN/m`, or a formula that begins with `=`.")
@@ -186,7 +186,7 @@ def value(node: Node, what: str, problems: Problems, declared: Declared | None =
 
 
 def seconds(node: Node | None, what: str, problems: Problems) -> float | None:
-    """A time (`72 s`, `2 min`) in s; None where there is none."""
+    """A time (`72 s`, `2 min`) in s; None if it is absent."""
     read = value(node, what, problems) if node is not None else None
     number = constant(read.expr) if read is not None else None
     if read is None or number is None:
@@ -200,7 +200,7 @@ def seconds(node: Node | None, what: str, problems: Problems) -> float | None:
 
 def _arithmetic(content: str, place: Place, what: str, problem: UnitProblem, problems: Problems,
                 declared: Declared | None) -> Value | None:
-    """Arithmetic of quantities; where that cannot be read either, the complaint about the quantity stands."""
+    """Read arithmetic of quantities; if that fails as well, report the problem of the quantity."""
     if (several := _range_of(content)) is not None:
         problems.add("not-a-quantity", f"{what}: '{content}' is a {several}; one value is expected", place,
                      hint=f"Write one value. A {several} belongs under `free:` of an experiment.")
@@ -224,7 +224,7 @@ def _arithmetic(content: str, place: Place, what: str, problem: UnitProblem, pro
 
 
 def _unmarked(content: str, what: str, parameter: Parameter | SignalPort | None) -> tuple[str, str, str]:
-    """A text of names in place of a quantity: a formula without its `=`, or a word without a meaning here."""
+    """Problem for a text of names instead of a quantity: a formula without its `=`, or an unknown word."""
     example = _example(what, parameter)
     if content.lower() in SWITCHES:
         switch = parameter is None or parameter.unit.text == "1"
@@ -246,7 +246,7 @@ def _example(what: str, parameter: Parameter | SignalPort | None) -> str:
 
 
 def _range_of(content: str) -> str | None:
-    """`range` or `tolerance` for a text with several values, as an experiment has them; else None."""
+    """`range` or `tolerance` for a text with several values, as in an experiment; else None."""
     try:
         return "range" if parse_range(content).nominal is None else "tolerance"
     except UnitProblem:
@@ -254,8 +254,8 @@ def _range_of(content: str) -> str | None:
 
 
 def file_input(node: Mapping, source: Source, problems: Problems, what: str, *, file: bool = True) -> FileInput | None:
-    """`{file: heave.csv, column: z, unit: m, interpolation: spline}`; the file is beside the file that names it. Without
-    `file`, of an experiment, it may have `noise`, which is left to the caller."""
+    """Read `{file: heave.csv, column: z, unit: m, interpolation: spline}`; the file name is relative to the folder of the
+    source. Without `file`, in an experiment, it may have `noise`, which the caller reads."""
     keys = ["file", "column", "unit", "interpolation", "time", "gaps", "smooth", *([] if file else ["noise"])]
     if node.items and not any(nearest(name, keys) for name in node.items):
         keyed = f"`{{{listing(node.items)}}}`"
@@ -321,7 +321,7 @@ def time_axis(node: Node, problems: Problems) -> tuple[str | None, str]:
 
 
 def unit_text(node: Scalar, problems: Problems) -> str | None:
-    """A unit at the edge (any scale); None and a problem where it is unknown."""
+    """A unit of input or output (any scale); None and a problem if it is unknown."""
     try:
         read_unit(node.text)
     except UnitProblem as problem:
@@ -331,7 +331,7 @@ def unit_text(node: Scalar, problems: Problems) -> str | None:
 
 
 def unit(node: Node | None, problems: Problems) -> Unit | None:
-    """A declared unit; None, and a problem, where it cannot be read."""
+    """A declared unit; None, and a problem, if it cannot be read."""
     if not isinstance(node, Scalar):
         return None
     try:
@@ -353,7 +353,7 @@ def formula_of(node: Node, what: str, problems: Problems) -> Formula | None:
 
 
 def sizes(node: Mapping, problems: Problems) -> tuple[Expr | None, ...]:
-    """What stands under `count:`, the length of a list or rows and columns of a matrix; empty where nothing does."""
+    """The entries under `count:`, the length of a list or rows and columns of a matrix; empty without an entry."""
     counted = node.items.get("count")
     if counted is None:
         return ()
@@ -367,7 +367,7 @@ def sizes(node: Mapping, problems: Problems) -> tuple[Expr | None, ...]:
 
 
 def body(node: Mapping, source: Source, problems: Problems, kinds: Kinds | None = None) -> Body:
-    """`components:` and `nodes:` of a diagram or a block; `kinds` gives a component by its name, for messages."""
+    """Read `components:` and `nodes:` of a diagram or a block; `kinds` gives a component by its name, for messages."""
     instances: dict[str, Instance] = {}
     inside: dict[str, Instance] = {}
     parts = mapping(node.items.get("components"), "components", problems,
@@ -390,7 +390,7 @@ def body(node: Mapping, source: Source, problems: Problems, kinds: Kinds | None 
 
 
 def _ports(name: str, node: Node, problems: Problems) -> list[Scalar]:
-    """The ports of a node; those of a text without brackets too, with a problem."""
+    """The ports of a node; also those of a text without brackets, with a problem."""
     found = words(node, f"node '{name}'", problems)
     if not isinstance(node, Scalar) or len(ports := re.split(r"[\s,;&]+(?:-[\s,;&]+)*", node.text.strip())) < 2:
         return found
@@ -400,7 +400,7 @@ def _ports(name: str, node: Node, problems: Problems) -> list[Scalar]:
 
 
 def _declared(kinds: Kinds | None, kind: str, name: str) -> Parameter | SignalPort | None:
-    """The declaration of a parameter or an input of a component; None where it has none, or cannot be read."""
+    """The declaration of a parameter or an input of a component; None if it has none, or cannot be read."""
     try:
         component = kinds(kind) if kinds is not None else None
     except HeavebondError:
@@ -453,8 +453,8 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems, kinds:
 
 
 def elements(node: Sequence, name: str, what: str, problems: Problems) -> dict[str, Value]:
-    """A list of values under the names of its elements: `x: [0 mm, 2 mm]` is x[1] and x[2], and of a matrix, a list of its
-    rows, `K: [[1, 2], [3, 4]]` is K[1][1] to K[2][2]."""
+    """Name the values of a list by its elements: `x: [0 mm, 2 mm]` gives x[1] and x[2], and a matrix, a list of rows, `K:
+    [[1, 2], [3, 4]]` gives K[1][1] to K[2][2]."""
     found: dict[str, Value] = {}
     rows = [len(item.items) if isinstance(item, Sequence) else 0 for item in node.items]
     if len(set(rows)) > 1:
@@ -471,14 +471,14 @@ def elements(node: Sequence, name: str, what: str, problems: Problems) -> dict[s
 
 
 def element_path(path: str) -> str:
-    """A path with the indices of a matrix as everything here writes them: `a.K[1, 2]` is `a.K[1][2]`."""
+    """A path with the indices of a matrix in the internal form: `a.K[1, 2]` becomes `a.K[1][2]`."""
     return _COMMA_IN_INDEX.sub("][", path)
 
 
 def column_values(node: Mapping, name: str, source: Source, problems: Problems) -> dict[str, Value]:
-    """`{file: curve.csv, values: dp, unit: bar}`: a list that stands in a column of a file; empty cells at its end are none
-    of it."""
-    from heavebond.records.measurements import column, read_table  # NumPy: only where a file is read
+    """Read `{file: curve.csv, values: dp, unit: bar}`: a list from a column of a file; empty cells at its end are
+    dropped."""
+    from heavebond.records.measurements import column, read_table  # import NumPy only if a file is read
 
     known_keys(node, ["file", "values", "unit"], "a list from a file", problems, required=["file", "values", "unit"])
     unit, wanted = node.items.get("unit"), node.items["values"]
@@ -511,7 +511,7 @@ def _position(node: Node, problems: Problems) -> tuple[float, ...] | None:
         problems.add("at-bad", f"a part is not turned by {numbers[2]} degrees", node.place,
                      hint="The third number of `at:` is 0, 90, 180 or 270, clockwise.")
         return None
-    if not all(abs(n) <= FARTHEST for n in place[:2]):  # not a number too
+    if not all(abs(n) <= FARTHEST for n in place[:2]):  # true for NaN as well
         problems.add("at-bad", f"`at: [{', '.join(numbers)}]` lies off any sheet", node.place,
                      hint=f"Places in a drawing go from -{FARTHEST} to {FARTHEST}; parts stand some 2 apart.")
         return None

@@ -22,7 +22,7 @@ SOLVERS = ("idas", "cvodes", "rosenbrock", "auto")
 
 @dataclass(frozen=True)
 class Condition:
-    """A value asked for at the start; a guess may move."""
+    """A required value at the start; a guess may change."""
 
     name: str
     value: Value
@@ -32,7 +32,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Initial:
-    """What is asked of the start: a mode (steady, rest or none), conditions and guesses, parameters to solve for."""
+    """Conditions on the start: a mode (steady, rest or none), conditions and guesses, parameters to solve for."""
 
     mode: str | None = None
     conditions: dict[str, Condition] = field(default_factory=dict)
@@ -122,7 +122,7 @@ def _condition(name: str, item: Node, key: Scalar, problems: Problems) -> Condit
 
 
 def read_nominal(node: Node | None, problems: Problems) -> dict[str, Setting]:
-    """`nominal:` of a diagram: the size that each of these variables commonly has, a plain quantity above 0."""
+    """Read `nominal:` of a diagram: the usual size of variables, a plain quantity above 0 each."""
     found: dict[str, Setting] = {}
     entries = reading.mapping(node, "nominal", problems, "Write `nominal: {coil.i: 1 nA}`.")
     for key, item in (entries.items if entries else {}).items():
@@ -144,7 +144,7 @@ def read_nominal(node: Node | None, problems: Problems) -> dict[str, Setting]:
 
 
 def read_vary(node: Node | None, problems: Problems) -> dict[str, Setting]:
-    """`vary:` of a diagram: factors, formulas of variables and the time, by which parameters of parts vary."""
+    """Read `vary:` of a diagram: factors, formulas of variables and the time, by which parameters of parts vary."""
     found: dict[str, Setting] = {}
     entries = reading.mapping(node, "vary", problems, "Write `vary: {spring.c: =1 + 0.2*spring.s/(1 m)}`.")
     for key, item in (entries.items if entries else {}).items():
@@ -191,7 +191,7 @@ def shown_as(name: str, item: Node, key: Scalar, problems: Problems, extra: tupl
 
 @dataclass(frozen=True)
 class Plan:
-    """What `simulate:` says: with `ends`, a condition, `until` is the time at which a run ends in any case."""
+    """The settings of `simulate:`; with `ends`, a condition, `until` is the latest end of a run."""
 
     begin: Value | None = None
     until: Value | None = None
@@ -245,8 +245,8 @@ def _no_name(name: Name) -> Dimension:
 
 
 def _check_time(name: str, value: Value, problems: Problems, any_sign: bool) -> None:
-    """The times of a run are known before any parameter is: plain times, all of them above 0 but `from`, and `until` with
-    `from`."""
+    """Check the times of a run, which are needed before any parameter is known: plain times, all above 0 except `from`,
+    and `until` with `from`."""
     number = constant(value.expr)
     if value.formula or number is None:
         problems.add("not-a-quantity", f"{name}: '{value.text}' is not a plain time", value.place,

@@ -3,8 +3,8 @@
     max(a, b) -> (a + b + sqrt((a - b)**2 + w**2)) / 2,   min and abs likewise,
     a < b     -> (1 + tanh((b - a) / w)) / 2,             sign(a) -> tanh(a / w).
 
-Each corner has a width w of its own, in the unit of a - b; as w goes to zero the expressions become those that were given.
-C. Chen, O. L. Mangasarian, A class of smoothing functions for nonlinear and mixed complementarity problems, Computational
+Each corner has a separate width w, in the unit of a - b; as w tends to zero the expressions tend to the original ones. C.
+Chen, O. L. Mangasarian, A class of smoothing functions for nonlinear and mixed complementarity problems, Computational
 Optimization and Applications 5 (1996) 97-138, doi:10.1007/BF00249052.
 """
 
@@ -34,7 +34,7 @@ class SmoothedColumn:
 
 
 def rounded(column: ca.SX, symbols: Sequence[ca.SX]) -> SmoothedColumn:
-    """The column (m,) in its symbols with every corner rounded."""
+    """Round every corner of the column (m,) of its symbols."""
     function = ca.Function("column", list(symbols), [column])
     given = [ca.vec(s).nz for s in symbols]
     work: dict[int, ca.SX] = {}
@@ -73,7 +73,7 @@ def _turned(op: int, args: Sequence[ca.SX], off: ca.SX, width: ca.SX) -> ca.SX:
 
 
 def _operated(op: int, args: Sequence[ca.SX]) -> ca.SX:
-    """The same operation; truth values are shares between 0 and 1."""
+    """The same operation; truth values become shares between 0 and 1."""
     a, b = args[0], args[-1]
     if op in LOGIC:
         return 1 - a if op == ca.OP_NOT else a + b - a * b if op == ca.OP_OR else a * b

@@ -14,7 +14,7 @@ NOT_FINITE = "It is too large, divides by 0, or takes a root or logarithm of a n
 
 
 def check_dimension(name: str, value: Value, found: Dimension | None, declared: Unit, problems: Problems) -> None:
-    """A quantity or formula of dimension `found` may stand where `declared` is needed (a plain Python number may)."""
+    """Check that a quantity or formula of dimension `found` fits the unit `declared` (a plain Python number is accepted)."""
     if value.si:
         return
     if isinstance(value.expr, Number):
@@ -29,7 +29,7 @@ def check_dimension(name: str, value: Value, found: Dimension | None, declared: 
 
 
 def check_bounds(name: str, parameter: Parameter, number: float, value: Value, problems: Problems) -> None:
-    """`number`, in SI, lies within the parameter's `min` and `max`."""
+    """Check that `number`, in SI, lies within the parameter's `min` and `max`."""
     if isfinite(number) and (parameter.low is None or number >= parameter.low) and \
             (parameter.high is None or number <= parameter.high):
         return
@@ -60,11 +60,11 @@ def _in_unit(unit: str) -> str:
 
 
 def add_formula_problem(problem: ExpressionProblem, value: Value, problems: Problems) -> None:
-    """Note what is wrong in the formula of a value, with the caret at the right sign."""
+    """Report an error in the formula of a value, with the caret at its position."""
     reading.add_expression_problem(problem, formula_place(value), problems)
 
 
 def formula_place(value: Value) -> Place:
-    """Where the columns of a value's expression count from: behind the `=` of `=a + b`."""
+    """Origin of the columns of a value's expression: after the `=` of `=a + b`."""
     skipped = len(value.text) - len(value.text.lstrip("= ")) if value.formula else 0
     return value.place.moved(skipped, value.place.length - skipped)

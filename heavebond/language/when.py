@@ -7,13 +7,13 @@ from heavebond.language import reading
 from heavebond.language.definition import EventDefinition, Formula, Reset
 from heavebond.text.yaml_source import Mapping, Node, Scalar
 
-# what an entry begins with
+# first keyword of an entry
 KINDS = ("condition", "at", "every")
 FORM = "`{condition: x > 0, then: {...}}`, `{at: t_0, then: {...}}` or `{every: T_s, then: {...}}`"
 
 
 def when_entries(node: Node | None, problems: Problems) -> tuple[EventDefinition, ...]:
-    """The events of a component in the order of its file; what is wrong with their form is noted."""
+    """The events of a component in the order of its file; mistakes in their form are reported."""
     entries = reading.mapping(node, "when", problems, f"Write `name: {FORM.split('`')[1]}`, one event a line.")
     found = []
     for name, item in (entries.items if entries else {}).items():
@@ -57,7 +57,7 @@ def _resets(what: str, word: str, entry: Mapping, problems: Problems) -> tuple[R
 
 
 def resets(word: str, node: Node | None, form: str, problems: Problems) -> tuple[Reset, ...]:
-    """The variables under a key of a component and the formulas of their values; `form` shows how they are written."""
+    """The variables under a key of a component and the formulas of their values; `form` shows the syntax."""
     entries = reading.mapping(node, word, problems, form)
     found = []
     for name, item in (entries.items if entries else {}).items():
