@@ -355,8 +355,8 @@ PAD = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="-20 -20 40 40">{}<circle
     (PAD.format('<path fill="url(#x)" d="M0 0"/>'), "<path> has fill, which a symbol cannot have"),
     ('<!DOCTYPE svg [<!ENTITY a "aa">]>' + PAD.format(""), "a symbol has no document type and no entities"),
     (PAD.format("").replace('cx="-20"', 'cx="-15"'), "the place of port 'a' is not on the edge"),
-    (PAD.format("").replace("-20 -20 40 40", "wide"), "this is no symbol"),
-    (PAD.format("<path"), "this is no symbol"),
+    (PAD.format("").replace("-20 -20 40 40", "wide"), "this is not a symbol"),
+    (PAD.format("<path"), "this is not a symbol"),
     (PAD.format("").replace('data-port="a"', 'data-port="b"'), "the symbol 'pad' has no place for a of Pad"),
 ])
 def test_a_symbol_that_could_act_or_misses_a_port_is_refused(tmp_path: Path, symbol: str, said: str) -> None:

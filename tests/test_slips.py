@@ -198,7 +198,7 @@ def test_an_input_that_drives_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("change", "said"), [
     (("unit: mm, noise: 0.1 mm", "unit: mmm, noise: 0.1 mm"), "'mmm' is not a known unit"),
     (("time: {column: t, unit: s}\n", ""), "Write for example `time: {column: time_s, unit: s}`."),
-    ((", interpolation: spline", ""), "Add `interpolation: spline` (what moves smoothly), `linear`, or `hold`"),
+    ((", interpolation: spline", ""), "Add `interpolation: spline` (for smooth signals), `linear`, or `hold`"),
     (("outputs:", "free: {spring.c: 1 kN/m +/- 10 %}\noutputs:"), "Write `1 kN/m +- 10 %`."),
     (("outputs:", "free: {spring.c: 1 kN/m}\noutputs:"), "Write `1 kN/m +- 20 %`."),
     (("outputs:", "free: {spring.c: 1 kN +- 10 %}\noutputs:"), "Write it in N/m or in a multiple of it."),

@@ -83,7 +83,7 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     for path in (*files, *proposed, page):
         console.print(f"wrote {path}", soft_wrap=True)
     if found.partial:
-        again = "with --resume goes on" if kept.known else "searches anew"
+        again = "with --resume continues" if kept.known else "searches anew"
         console.print(f"the search was ended early: the same command {again}, --only CLASS narrows it, --seconds gives it "
                       f"more time than {seconds:g} s", soft_wrap=True)
     else:
@@ -94,7 +94,7 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
         look = "fit" if found.started else "compare"  # a comparison would begin with the starts of the diagram
         console.print(f"next: heavebond {look} {files[-1]}; heavebond diagnose {files[-1]}", soft_wrap=True)
     elif found.verdict == "parameters":
-        keep = f"keep the starts in {experiment} as said above, then " if found.started else ""
+        keep = f"keep the starts in {experiment} as described above, then " if found.started else ""
         console.print(f"next: {keep}heavebond fit {experiment} --write fitted.yaml", soft_wrap=True)
     figures = {"experiment": given.name, **found.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
     if found.partial and (number := last_heard()) != SIGINT:  # a batch system sees that the search is not complete

@@ -9,7 +9,7 @@ from math import pi
 
 _PREFIXES = {"": Fraction(1), "c": Fraction(1, 100), "m": Fraction(1, 1000), "k": Fraction(10**3), "M": Fraction(10**6),
              "G": Fraction(10**9)}
-# symbol: size in base units, powers of m, kg, s, A, K, prefixes beside none, what it counts
+# symbol: size in base units, powers of m, kg, s, A, K, permitted prefixes, counted quantity
 _SYMBOLS: dict[str, tuple[Fraction, tuple[int, ...], str, str]] = {
     "m": (Fraction(1), (1,), "cmk", ""), "kg": (Fraction(1), (0, 1), "", ""), "s": (Fraction(1), (0, 0, 1), "m", ""),
     "A": (Fraction(1), (0, 0, 0, 1), "m", ""), "K": (Fraction(1), (0, 0, 0, 0, 1), "", ""),
@@ -31,9 +31,9 @@ _FACTOR = re.compile(r"([*/])([A-Za-z]+)(?:\*\*(-?[0-9]{1,2}))?(?![^*/])")
 
 
 def common_unit(text: str) -> tuple[float, Mapping[str, Fraction], str] | None:
-    """Size in SI, powers of the base units, and what it counts, of a product such as `kN*s/m` or `1/min`.
+    """Size in SI, powers of the base units, and counted quantity of a product such as `kN*s/m` or `1/min`.
 
-    None where a factor is not among the common units, or is written in another way; the units library knows more.
+    None if a factor is not among the common units, or is written in another form; the units library knows more.
     """
     powers = _factors(text)
     if powers is None:
@@ -47,7 +47,7 @@ def common_unit(text: str) -> tuple[float, Mapping[str, Fraction], str] | None:
         counted.add(counts if power else "")
         for base, exponent in zip(_BASE, dimension, strict=False):
             exponents[base] += exponent * power
-    # sixteen digits, as the units library is asked for
+    # sixteen digits, as requested from the units library
     return float(f"{float(scale):.16g}"), exponents, "cycles" if "cycles" in counted else max(counted)
 
 

@@ -9,10 +9,10 @@ from heavebond.core.units import Range, UnitProblem, check_unit, parse_quantity,
 
 
 def si_value(given: float | str, unit: str, what: str) -> float:
-    """A quantity in SI; `unit` is the one of which the text must have the dimension.
+    """A quantity in SI; the text must have the dimension of `unit`.
 
-    Raises UsageError that begins with `what` for a text without its unit, with a unit of another dimension or that is no
-    quantity.
+    Raises UsageError that begins with `what` for a text without its unit, with a unit of another dimension, or that is
+    not a quantity.
     """
     if not isinstance(given, str):
         return float(given)
@@ -25,12 +25,12 @@ def si_value(given: float | str, unit: str, what: str) -> float:
 
 
 def ranges(given: Mapping[str, Range | str]) -> dict[str, Range]:
-    """Ranges by name: `{"controller.K_p": "0 .. 10 1/m"}`; UsageError that names the one that is no range."""
+    """Ranges by name: `{"controller.K_p": "0 .. 10 1/m"}`; UsageError that names a malformed one."""
     return {name: si_range(one, name) for name, one in given.items()}
 
 
 def si_range(given: Range | str, what: str) -> Range:
-    """A range (`"30 .. 70 kN/m"`, `"42 kN/m +- 20 %"`); UsageError that begins with `what` for a text that is none."""
+    """A range (`"30 .. 70 kN/m"`, `"42 kN/m +- 20 %"`); UsageError that begins with `what` for another text."""
     if isinstance(given, Range):
         return given
     try:

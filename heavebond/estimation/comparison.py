@@ -487,7 +487,7 @@ def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) 
             hint = "It follows from other parameters by a formula." if name in flat.constants else \
                 f"Give it a value in the diagram first: `initial: {{{inner}: ...}}`." if inner in flat.names else \
                 suggest(name, units) or NAMES_LISTED
-            problems.add("free-unknown", f"'{name}' is no parameter that may be free", place, hint=hint)
+            problems.add("free-unknown", f"'{name}' is not a parameter that may be free", place, hint=hint)
             continue
         unit = units[name]
         if unit.dimension != free.range.unit.dimension:

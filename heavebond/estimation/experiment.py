@@ -239,7 +239,7 @@ def experiment_from_source(source: Source, chain: tuple[Path, ...] = ()) -> Expe
             f"`heavebond new NAME.yaml --from {source.name} RECORD.csv` proposes one." if kind == "model" else \
             f"This file describes a {kind}." if kind else \
             suggest("experiment", root.items) or "An experiment begins with `experiment: name`."
-        raise ModelError([Problem("not-an-experiment", f"{source.name} is no experiment: it has no `experiment:`",
+        raise ModelError([Problem("not-an-experiment", f"{source.name} is not an experiment: it has no `experiment:`",
                                   root.place, hint)])
     problems = Problems()
     reading.known_keys(root, EXPERIMENT_KEYS, "an experiment", problems)

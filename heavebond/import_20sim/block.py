@@ -369,7 +369,7 @@ class Translator:
     def _node(self, made: Block, inner: list[tuple[Part, str]], own: list[str]) -> None:
         for p, e in inner:
             if e not in p.what.items:
-                why = f"a connection ends at '{p.name}\\{e}', which is no port; it is left out"
+                why = f"a connection ends at '{p.name}\\{e}', which is not a port; it is left out"
                 made.untranslated.append((made.line, why))
         inner = [(p, e) for p, e in inner if e in p.what.items]
         kinds = {e: made.items[e].kind for e in own}

@@ -114,8 +114,8 @@ class Evaluator:
         """A square matrix to a power, `expr` being `A ^ n`; of its inverse for a negative one."""
         exponent = fold(self.scalar(expr.args[1]), self.numbers)
         if exponent is None or exponent != round(exponent) or abs(exponent) > MOST_TIMES:
-            raise Unreadable(expr.line, "a matrix has a power that is no known whole number "
-                                        f"from -{MOST_TIMES} to {MOST_TIMES}")
+            raise Unreadable(expr.line, "a matrix has a power that is not a known whole number from -{MOST_TIMES} to "
+                                        "{MOST_TIMES}")
         if exponent < 0:
             base = self._call(Expr("call", (expr.args[0],), "inverse", line=expr.line))
         return power(base, abs(round(exponent)))

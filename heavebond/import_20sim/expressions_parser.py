@@ -145,7 +145,7 @@ class Reader:
             if self.skip("("):
                 return Expr("call", tuple(self._list(")")), name=token.text, line=token.line)
             return Expr("name", name=token.text, line=token.line)
-        raise Unreadable(token.line, f"'{token.text[:30]}' is no expression")
+        raise Unreadable(token.line, f"'{token.text[:30]}' is not an expression")
 
     def _conditional(self, token: Token) -> Expr:
         condition = self.expression()
@@ -306,7 +306,7 @@ class Reader:
                 continue
             try:
                 if self.now.word not in KINDS:
-                    raise Unreadable(self.now.line, f"'{self.now.text[:30]}' is no declaration")
+                    raise Unreadable(self.now.line, f"'{self.now.text[:30]}' is not a declaration")
                 found += self._declared()
             except Unreadable as problem:
                 problems.append((problem.line, problem.reason))
@@ -339,7 +339,7 @@ class Reader:
                 self.take()
             token = self.take()
             if token.kind != "name":
-                raise Unreadable(token.line, f"'{token.text[:30]}' is no name")
+                raise Unreadable(token.line, f"'{token.text[:30]}' is not a name")
             size: list[Expr] = []
             value: Expr | None = None
             unit = ""

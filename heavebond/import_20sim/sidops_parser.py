@@ -248,4 +248,4 @@ def _connection(reader: Reader) -> Connection:
         return Connection(start, stop, sign == "=>", line)
     if sign in ("<-", "<="):
         return Connection(stop, start, sign == "<=", line)
-    raise Unreadable(line, f"'{sign}' is no connection")
+    raise Unreadable(line, f"'{sign}' is not a connection")

@@ -24,7 +24,7 @@ def read_table(folder: Path, name: str, line: int) -> Table:
         if len(words) >= 2 and all(re.fullmatch(NUMBER, w) for w in words[:2]):
             points.append((float(words[0]), float(words[1])))
         elif points:
-            raise Unreadable(line, f"the table '{file}' has a row that is no pair of numbers: {' '.join(words)[:40]}")
+            raise Unreadable(line, f"the table '{file}' has a row that is not a pair of numbers: {' '.join(words)[:40]}")
     if not 2 <= len(points) <= MOST_POINTS:
         raise Unreadable(line, f"the table '{file}' has {len(points)} points; 2 to {MOST_POINTS} are possible")
     if any(a[0] >= b[0] for a, b in pairwise(points)):
@@ -41,7 +41,7 @@ def read_grid(folder: Path, name: str, line: int) -> Grid:
         raise Unreadable(line, f"the table '{file}' has a row that is not of numbers: {' '.join(wrong)[:40]}")
     numbers = [tuple(map(float, words)) for words in rows]
     if len(numbers) < 3 or len(numbers[0]) < 3 or len({len(row) for row in numbers}) != 1:
-        raise Unreadable(line, f"the table '{file}' is no matrix of two inputs, with at least three rows and columns")
+        raise Unreadable(line, f"the table '{file}' is not a matrix of two inputs, with at least three rows and columns")
     if (size := (len(numbers) - 1) * (len(numbers[0]) - 1)) > MOST_OF_GRID:
         raise Unreadable(line, f"the table '{file}' has {size} values; {MOST_OF_GRID} are possible: leave out "
                          "rows and columns that matter little")

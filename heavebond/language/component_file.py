@@ -60,7 +60,7 @@ class _Parser:
         reading.known_keys(root, COMPONENT_KEYS, what, problems, required=("component", "summary"))
         for key in ("extends", "set"):
             if key in root.items:
-                problems.add("extends-missing", "`extends:` is no name of a component" if key == "extends" else
+                problems.add("extends-missing", "`extends:` is not the name of a component" if key == "extends" else
                              "`set:` gives values to a component that this one extends; `extends:` is missing",
                              root.keys[key].place, hint="Write `extends: Fluid`, or give each parameter its `default:`.")
         name = root.items.get("component")
@@ -105,7 +105,7 @@ class _Parser:
         reading.known_keys(entry, ("is", "order"), "approximation", self.problems, ("is", "order"))
         kind, order = (reading.text(entry.items.get(key), key, self.problems) for key in ("is", "order"))
         if order and not (order in parameters and parameters[order].integer):
-            self.problems.add("approximation-order", f"`order: {order}` is no whole number of this component",
+            self.problems.add("approximation-order", f"`order: {order}` is not a whole number of this component",
                               entry.items["order"].place, hint="Declare it: `m: {integer, min: 0, default: 0}`.")
         return Approximation(kind, order, entry.place)
 
@@ -138,7 +138,7 @@ class _Parser:
         own: dict[str, Parameter | Variable] = {**parameters, **held}
         for name, item in (entries.items if entries else {}).items():
             if name not in own:
-                self.problems.add("sliding-unknown", f"`sliding`: '{name}' is no parameter and no held variable of this "
+                self.problems.add("sliding-unknown", f"`sliding`: '{name}' is not a parameter and no held variable of this "
                                   "component", item.place, hint=suggest(name, own))
                 continue
             assert entries is not None
@@ -203,7 +203,7 @@ class _Parser:
         reading.known_keys(node, ("signal", "unit", "doc", "count"), f"signal '{key.text}'", self.problems, ("unit",))
         direction = reading.text(node.items.get("signal"), "signal", self.problems)
         if direction not in ("in", "out"):
-            self.problems.add("signal-direction", f"'{direction}' is no direction of a signal",
+            self.problems.add("signal-direction", f"'{direction}' is not a direction of a signal",
                               node.items["signal"].place, hint="Write `signal: in` or `signal: out`.")
         unit = reading.unit(node.items.get("unit"), self.problems) or DIMENSIONLESS
         return SignalPort(key.text, direction, unit, key.place,

@@ -221,6 +221,7 @@ REVERSES = "reverses"  # `requires:` of a variable: that it moves in both direct
 # of a part's parameter
 ATTACHES = ("across", "at", "in series", "input", "channel", "parameter")
 # inputs of a factor: a variable of its part that changes its sign, any variable of its part, the time, a time
+VARIES_WITH = ("rate", "variable", "time", "instant")
 FACTOR = "factor"  # the variable of a component that is the factor of a parameter
 
 

@@ -135,7 +135,7 @@ def extended_from(path: Path, model: Path) -> str:
 def write(path: Path, text: str) -> None:
     """Write a new file; UsageError if it exists already or cannot be written."""
     if path.suffix not in (".yaml", ".yml"):
-        raise UsageError(f"'{path.name}' is no name of a diagram", hint=f"Write {path.with_suffix('.yaml').name}.")
+        raise UsageError(f"'{path.name}' is not a name of a diagram", hint=f"Write {path.with_suffix('.yaml').name}.")
     write_new(path, text)
 
 

@@ -46,8 +46,9 @@ def read_search_range(node: Node | None, unit: Unit, variables: Dictionary[str, 
     first, _, name = said.partition(" ")
     if first in ("seen", *HELD):
         if name not in variables:
-            problems.add("effect-seen-unknown", f"{what} is sought where '{name}' moves, which is no variable of this "
-                         "component", node.place, hint=suggest(name, variables) or f"Variables: {listing(variables)}.")
+            problems.add("effect-seen-unknown", f"{what} is sought over the motion of '{name}', which is not a variable "
+                         "of this component", node.place,
+                         hint=suggest(name, variables) or f"Variables: {listing(variables)}.")
             return None
         if variables[name].unit.dimension != unit.dimension:
             problems.add("unit-wrong", f"{what} is in {unit.text}, '{name}' in {variables[name].unit.text}", node.place,
@@ -88,7 +89,7 @@ def read_meaning(node: Node | None, problems: Problems) -> Meaning | None:
 
 def read_typical(node: Node | None, unit: Unit, what: str, problems: Problems) -> Typical | None:
     """`{range: 2 .. 25 W/(m**2*K), source: VDI Heat Atlas}`."""
-    entry = reading.mapping(node, "typical", problems, "Write `typical: {range: 2 .. 25 mm, source: who says so}`.")
+    entry = reading.mapping(node, "typical", problems, "Write `typical: {range: 2 .. 25 mm, source: VDI Heat Atlas}`.")
     if entry is None:
         return None
     reading.known_keys(entry, ("range", "source"), f"typical values of {what}", problems, ("source",))
@@ -200,7 +201,7 @@ class EffectReader:
     def _parameter(self, name: str, place: Place) -> Parameter | None:
         found = self.parameters.get(name)
         if found is None:
-            self.problems.add("effect-parameter", f"'{name}' is no parameter of this component", place,
+            self.problems.add("effect-parameter", f"'{name}' is not a parameter of this component", place,
                               hint=suggest(name, self.parameters) or f"Parameters: {listing(self.parameters)}.")
         return found
 
@@ -233,7 +234,7 @@ class EffectReader:
         found = {}
         for key, item in self._entries(node, "also"):
             if key.text not in self.ports:
-                self.problems.add("effect-also", f"'{key.text}' is no power port of this component", key.place,
+                self.problems.add("effect-also", f"'{key.text}' is not a power port of this component", key.place,
                                   hint=suggest(key.text, self.ports) or f"Ports: {listing(self.ports)}.")
             elif (domain := reading.text(item, key.text, self.problems)) != self.ports[key.text].domain:
                 self.problems.add("effect-also", f"port '{key.text}' is {self.ports[key.text].domain}", item.place,
@@ -257,7 +258,7 @@ class EffectReader:
             if name in self.variables:
                 found.append(word.text)
             else:
-                self.problems.add("effect-settled", f"'{name}' is no variable of this component", word.place,
+                self.problems.add("effect-settled", f"'{name}' is not a variable of this component", word.place,
                                   hint=suggest(name, self.variables) or f"Variables: {listing(self.variables)}.")
         return tuple(found)
 
@@ -270,7 +271,7 @@ class EffectReader:
             unknown = [name for name in ([field] if isinstance(field, str) else [n.text for n in names(field)])
                        if name not in (known if isinstance(field, str) else self.parameters)]
             for name in unknown:
-                self.problems.add("meaning-unknown", f"'{name}' in the meaning is no parameter of this component",
+                self.problems.add("meaning-unknown", f"'{name}' in the meaning is not a parameter of this component",
                                   meaning.place, hint=suggest(name, known) or f"Fields: {listing(known)}.")
             if unknown or isinstance(field, str):
                 continue
@@ -285,7 +286,7 @@ class EffectReader:
         for key, item in self._entries(node, "requires"):
             kinds = tuple(word.text for word in reading.words(item, key.text, self.problems))
             if key.text not in {**self.ports, **self.variables}:
-                self.problems.add("effect-requires", f"'{key.text}' is no port or variable of this component", key.place,
+                self.problems.add("effect-requires", f"'{key.text}' is not a port or variable of this component", key.place,
                                   hint=suggest(key.text, {**self.ports, **self.variables}) or self._has())
             elif key.text in self.variables and kinds != (REVERSES,):
                 self.problems.add("effect-requires", f"of a variable an effect may require that it `{REVERSES}`", item.place,
@@ -300,7 +301,7 @@ class EffectReader:
         known = {**self.parameters, **self.variables, **self.signals}
         for name in names(formula.tree) if formula is not None else ():
             if name.text not in known and name.text.partition(".")[0] not in self.ports:
-                self.problems.add("effect-acts", f"'{name.text}' is no variable of this component",
+                self.problems.add("effect-acts", f"'{name.text}' is not a variable of this component",
                                   formula.place if formula is not None else None,
                                   hint=suggest(name.text, known) or f"Variables: {listing(known)}.")
         return formula
@@ -309,16 +310,16 @@ class EffectReader:
         """Report missing entries; wrong entries have been reported already."""
         problems, place = self.problems, entry.place
         if not {"attaches", "replaces"} & entry.items.keys():
-            problems.add("effect-nowhere", "the effect does not say where it may stand", place,
+            problems.add("effect-nowhere", "the effect has no place: `attaches:` or `replaces:` is missing", place,
                          hint=f"Write `attaches:` with {either(ATTACHES, 'or')}, or `replaces: Component`.")
         if "attaches" in entry.items and "amplitude" not in entry.items:
-            problems.add("effect-amplitude", "the effect does not say which parameters make it", place,
-                         hint="Write `amplitude: [...]` with those that are 0 where it is absent.")
+            problems.add("effect-amplitude", "`amplitude:` is missing in the effect", place,
+                         hint="Write `amplitude: [...]` with the parameters that are 0 if the effect is absent.")
         said = {word for key in ("amplitude", "search_range", "start") for word in _named(entry.items.get(key))}
         for parameter in self.parameters.values():
             if parameter.name not in said and parameter.default is None and parameter.neutral is None \
                     and not parameter.medium:
-                problems.add("effect-parameter", f"the effect says nothing of '{parameter.name}', which has no default",
+                problems.add("effect-parameter", f"the effect does not list '{parameter.name}', which has no default",
                              place, hint="List it under `search_range:` with a range, or give it a default.")
 
     def dormant(self) -> None:
@@ -331,8 +332,8 @@ class EffectReader:
                                   "absent", parameter.place, hint="Add `neutral: 0`, or the value at which it is absent.")
             for name in parameter.wakes_with:
                 if self._parameter(name, parameter.place) is not None and self.parameters[name].sought is None:
-                    self.problems.add("effect-parameter", f"'{name}' wakes with '{parameter.name}', but no range says "
-                                      "where it is sought", self.parameters[name].place,
+                    self.problems.add("effect-parameter", f"'{name}' wakes with '{parameter.name}', but has no "
+                                                          "`search_range:`", self.parameters[name].place,
                                       hint=f"Add `search_range: low .. high` to '{name}'.")
 
 
@@ -362,6 +363,6 @@ def check_replacing(component: Component, effect: Effect, old: Component) -> Non
     for formula in effect.start.values():
         for name in names(formula.tree):
             if name.text not in (*known, "pi"):
-                problems.add("effect-start", f"'{name.text}' is no parameter of {old.name}", formula.place,
+                problems.add("effect-start", f"'{name.text}' is not a parameter of {old.name}", formula.place,
                              hint=suggest(name.text, known) or f"Write a formula of {listing(known)}.")
     problems.raise_as(ModelError)

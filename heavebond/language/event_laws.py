@@ -45,7 +45,7 @@ def check_initial(component: Component, lookup: Lookup, problems: Problems) -> N
         base = reset.target.text.partition("[")[0]  # of an element of a list
         try:
             if base not in {*component.unknowns, *component.variables, *outputs} - {*component.held}:
-                raise ExpressionProblem("initial-given", f"'{reset.target.text}' is no variable or output of "
+                raise ExpressionProblem("initial-given", f"'{reset.target.text}' is not a variable or output of "
                                         f"{component.name} that has an initial value", 0, len(reset.target.text),
                                         f"Name one of {listing(component.variables)}." if component.variables else "")
             wanted = lookup(Name((base,), 0, len(base))) or ONE
@@ -83,8 +83,8 @@ def _walk(expr: Expr) -> Iterator[Expr]:
 def _only_parameters(component: Component, name: Name, what: str) -> None:
     if name.text not in component.parameters and name.text != "pi":
         known = list(component.parameters)
-        raise ExpressionProblem("not-a-parameter", f"{what} is known before the run, and '{name.text}' is no parameter "
-                                f"of {component.name}", name.column, name.length, suggest(name.text, known)
+        raise ExpressionProblem("not-a-parameter", f"{what} must be known before the run, but '{name.text}' is not a "
+                                f"parameter of {component.name}", name.column, name.length, suggest(name.text, known)
                                 or (f"Parameters: {listing(known)}." if known else "Declare it under `parameters:`."))
 
 
@@ -105,7 +105,7 @@ def _instant(component: Component, event: EventDefinition, lookup: Lookup, lengt
             problems.add("units-differ", f"`{key}:` is a time; this is in {dimension_text(found)}", formula.place,
                          hint="Name a parameter in s, as in `every: T_s`.")
         elif key == "every" and (number := constant(formula.tree)) is not None and number <= 0:
-            problems.add("every-not-positive", f"`every: {formula.text}` is no time above 0", formula.place,
+            problems.add("every-not-positive", f"`every: {formula.text}` is not a time above 0", formula.place,
                          hint="Name a parameter in s, as in `every: T_s`.")
 
 
@@ -136,7 +136,7 @@ def _equality(component: Component, part: Compare) -> None:
 def _reset(component: Component, reset: Reset, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
     target = reset.target.tree
     if not isinstance(target, Name):
-        problems.add("reset-form", f"'{reset.target.text}' is no variable that an event could set", reset.target.place,
+        problems.add("reset-form", f"'{reset.target.text}' is not a variable that an event could set", reset.target.place,
                      hint=_settable(component))
         return
     try:
@@ -164,7 +164,7 @@ def _impulse(component: Component, event: EventDefinition, problems: Problems) -
     force = component.held.get(event.impulse)
     speeds = [reset.target.text for reset in event.resets if reset.target.text not in component.held]
     if force is None or force.held or force.count is not None:
-        problems.add("impulse-form", f"`impulse: {event.impulse}` is no held variable that starts at 0", event.place,
+        problems.add("impulse-form", f"`impulse: {event.impulse}` is not a held variable that starts at 0", event.place,
                      hint=f"Declare it, `{event.impulse}: {{unit: N, held: 0}}`, and add it to the force of the contact in "
                      "the equations.")
     elif any(reset.target.text == event.impulse for one in component.when for reset in one.resets):
@@ -172,12 +172,12 @@ def _impulse(component: Component, event: EventDefinition, problems: Problems) -
                      hint="Leave it out of `then:`; apart from the instant of the impact it is 0.")
     elif not any(name.text == event.impulse for line in component.equations for side in (line.tree.left, line.tree.right)
                  for name in names(side)):
-        problems.add("impulse-form", f"'{event.impulse}' stands in no equation, so its impulse has no effect", event.place,
+        problems.add("impulse-form", f"'{event.impulse}' occurs in no equation, so its impulse has no effect", event.place,
                      hint="Add it to the force of the contact in the equations.")
     if len(speeds) != 1:
         problems.add("impulse-form", f"the impulse of '{event.name}' changes one variable; `then:` has "
                      f"{listing(speeds) if speeds else 'none that is not held'}", event.place,
-                     hint="Write the new value of the relative speed, `then: {v: -e*v}`, beside held variables.")
+                     hint="Write the new value of the relative speed, `then: {v: -e*v}`, in addition to held variables.")
 
 
 def _breakaway(component: Component, event: EventDefinition, problems: Problems) -> None:
@@ -190,7 +190,8 @@ def _breakaway(component: Component, event: EventDefinition, problems: Problems)
     limits = [component.held.get(reset.target.text) for reset in event.otherwise]
     values = [constant(reset.value.tree) for reset in event.otherwise]
     if event.key != "condition" or event.impulse or event.moves not in rated:
-        problems.add("breakaway-form", f"event '{event.name}' has `moves: {event.moves}`, which is no speed whose rate is "
+        problems.add("breakaway-form", f"event '{event.name}' has `moves: {event.moves}`, which is not a speed whose rate "
+                                       "is "
                      "in the equations", event.place, hint="Name the sliding speed of the contact, `moves: v`, in an "
                      "event with a `condition:`; the law of the stuck contact contains `der(v)`.")
     elif len(limits) != 1 or limits[0] is None or limits[0].held or values[0] not in (1, -1):

@@ -44,7 +44,7 @@ def described(path: Path) -> tuple[str, Foreign]:
     arrays = [v.name for v in variables if v.dimensions and v.causality != "parameter"]
     other = [v.name for v in description.modelVariables if v.causality == "input" and v.type not in NUMBERS]
     if arrays or other:
-        raise _unusable(path, f"has signals that are no single numbers: {listing(arrays + other, 4)}",
+        raise _unusable(path, f"has signals that are not single numbers: {listing(arrays + other, 4)}",
                         "Export them as scalars.")
     reader = _Units({u.name: u.baseUnit for u in description.unitDefinitions})
     names = _Names()
@@ -141,7 +141,7 @@ def _text(path: Path, description: Any, known: dict[str, list[tuple[ForeignVaria
     step = description.defaultExperiment.stepSize if description.defaultExperiment is not None else None
     lines = [f"component: {_Names()(path.stem)}",
              f"summary: {_quoted(description.description or f'The FMU {description.modelName}.')}",
-             "restrictions: Its outputs are held between two communications, and answer what it was given one step before.",
+             "restrictions: Its outputs are held between two communications, and depend on the inputs of the previous step.",
              f"source: {_quoted(f'{path.name}, FMI {description.fmiVersion}{tool}')}", "ports:"]
     for kind, direction in (("input", "in"), ("output", "out")):
         lines += [f"  {found.name}: {{signal: {direction}, unit: {unit or f'$U_{found.name}'}, doc: {_doc(v)}}}"

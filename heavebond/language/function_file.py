@@ -160,7 +160,7 @@ class _Checker:
         used = {name.base for step in function.steps for name in names(step.expr)}
         for step in function.steps:
             if step.name not in used and step.name not in function.outputs:
-                self._add("function-unused", f"nothing uses '{step.name}', and it is no output", step.place,
+                self._add("function-unused", f"'{step.name}' is not used and is not an output", step.place,
                           "Remove the line, or declare the name under `outputs:`.")
 
     def _check_names_once(self) -> None:
@@ -169,7 +169,7 @@ class _Checker:
                             ("outputs", self.function.outputs)):
             for name, quantity in group.items():
                 if name in seen:
-                    self._add("name-twice", f"'{name}' stands under {seen[name]} and under {what}", quantity.place,
+                    self._add("name-twice", f"'{name}' is declared under {seen[name]} and under {what}", quantity.place,
                               "Give one of them another name.")
                 seen[name] = what
 
@@ -184,7 +184,7 @@ class _Checker:
                 inside = {name.text for name in names(size)}
                 if (entry and not isinstance(size, (Name, Number))) or whole_number(size, dict.fromkeys(known, 2)) is None:
                     unknown = "" if entry else listing(sorted(inside - known))
-                    what = f"depends on {unknown}, which no input tells" if unknown else "is a name or a whole number"
+                    what = f"depends on {unknown}, which no input determines" if unknown else "is a name or a whole number"
                     self._add("count-bad", f"the length of '{quantity.name}' {what}", quantity.place,
                               f"Known: {listing(sorted(known))}." if unknown and known else "Write `count: n` or "
                               "`count: 3`.")

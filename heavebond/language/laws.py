@@ -56,7 +56,7 @@ class Scope:
             return self._member(words[0], words[1], name)
         if "." in name.text and self._reaches_inside(words):
             raise ExpressionProblem("name-inside", f"'{name.text}' lies inside a part of this block", name.column,
-                                    name.length, "A block's equations know its own ports and variables.")
+                                    name.length, "A block's equations may use its ports and variables only.")
         members = [f"{p}.{m}" for p in self.component.ports for m in self._members(p)]
         known = [*(n for n in self.plain if n not in CONSTANTS), *members, *CONSTANTS]
         hint = suggest(name.text, known) or f"Known here: {listing(known)}."
@@ -67,7 +67,7 @@ class Scope:
         """Check that only lists have indices."""
         item = self._item(word)
         if (item is None or item.count is None) and len(name.parts) > 1:
-            raise ExpressionProblem("list-index", f"'{word}' is no list; it has no index", name.column, name.length,
+            raise ExpressionProblem("list-index", f"'{word}' is not a list; it has no index", name.column, name.length,
                                     f"Write `{word}`, or declare it with `count: n`.")
 
     def _item(self, word: str) -> Parameter | Variable | SignalPort | None:
@@ -191,7 +191,7 @@ def _delayed(component: Component, name: str, delayed: Delayed, scope: Scope, pr
     sources: dict[str, SignalPort | Variable] = {**component.signals, **component.unknowns}
     source = sources.get(delayed.of)
     if source is None or source.count is not None or delayed.of == name:
-        problems.add("delayed-unknown", f"'{name}' is delayed from '{delayed.of}', which is no other signal or variable "
+        problems.add("delayed-unknown", f"'{name}' is delayed from '{delayed.of}', which is not another signal or variable "
                      "of this component", delayed.place,
                      hint=suggest(delayed.of, sources) or f"There are {listing(sources)}.")
     elif source.unit.dimension != component.variables[name].unit.dimension:
@@ -200,7 +200,7 @@ def _delayed(component: Component, name: str, delayed: Delayed, scope: Scope, pr
     _formula(delayed.by, SECOND, "by", "a time in s", scope, problems)
     moving = [n for n in names(delayed.by.tree) if n.text not in component.parameters and n.text != "pi"]
     if moving:
-        problems.add("delay-varies", f"the delay of '{name}' contains '{moving[0].text}', which is no parameter",
+        problems.add("delay-varies", f"the delay of '{name}' contains '{moving[0].text}', which is not a parameter",
                      delayed.by.place, hint="A delay is constant during a run: write it as a formula of parameters.")
 
 
@@ -225,7 +225,7 @@ def _balance(component: Component, domains: Domains, problems: Problems) -> None
     problems.add(f"balance-too-{more}", f"{component.name} has {equations} equation{'s' * (equations != 1)} for "
                  f"{len(unknowns)} unknown{'s' * (len(unknowns) != 1)}", component.place, notes=notes,
                  hint=f"{advice}.\nA component has one equation for each through variable of its ports (a force, a flow), "
-                 "for each\nsignal output and for each variable of its own.")
+                 "for each\nsignal output and for each inner variable.")
 
 
 def _own_unknowns(component: Component, domains: Domains) -> list[str]:

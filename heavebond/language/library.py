@@ -142,7 +142,7 @@ class Library:
         following = self.files.get(head.text)
         if following is not None and following.resolve() in chain:
             raise ModelError([Problem("extends-circle", f"'{head.text}' extends itself" + " over others" * (len(chain) > 1),
-                                      head.place, "Extend a component that has equations of its own, or none.")])
+                                      head.place, "Extend a component that contains equations, or remove `extends:`.")])
         if following is not None and following.suffix != ".fmu":
             self.base(following, chain)
         return self.component(head.text, head.place)

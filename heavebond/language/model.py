@@ -201,7 +201,7 @@ def find(name: str | Path, head: str = "model", records: Container[str] = ()) ->
     elif (inside_models := bundled_file(str(name))) is not None:
         return inside_models
     if path.is_file():
-        raise UsageError([Problem("file-suffix", f"'{name}' is no {head}: that is a YAML file", None,
+        raise UsageError([Problem("file-suffix", f"'{name}' is not a YAML file", None,
                                   f"Give the {head}, whose name ends in .yaml." + (
                                       f" `heavebond new NAME.yaml --from DIAGRAM.yaml {name}` proposes one for this record."
                                       if path.suffix.lower() in records else ""))])
@@ -288,7 +288,7 @@ def _other_kind(source: Source) -> tuple[str, str]:
     items = source.root.items
     for kind, article in (("experiment", "an"), ("study", "a"), ("component", "a"), ("function", "a")):
         if isinstance(head := items.get(kind), Scalar):
-            said = f"{source.name} is no diagram; it describes {article} {kind}, '{head.text}'"
+            said = f"{source.name} is not a diagram; it describes {article} {kind}, '{head.text}'"
             diagram = items.get("model")
             if kind == "component":
                 return said, f"A diagram uses it under `components:`, as in `part: {{is: {head.text}, ...}}`."
@@ -297,7 +297,7 @@ def _other_kind(source: Source) -> tuple[str, str]:
             use = f" `heavebond compare {source.name}` compares it with its records." if kind == "experiment" else \
                 f" `heavebond study {source.name}` runs it."
             return said, (f"Its diagram is {diagram.text}." if isinstance(diagram, Scalar) else "Give its diagram.") + use
-    return f"{source.name} is no diagram", suggest("model", items) or "A diagram begins with `model: name`."
+    return f"{source.name} is not a diagram", suggest("model", items) or "A diagram begins with `model: name`."
 
 
 def _base(source: Source, chain: tuple[Path, ...]) -> Model:
@@ -317,7 +317,7 @@ def _base(source: Source, chain: tuple[Path, ...]) -> Model:
         circle = [*(chain[chain.index(target.resolve()):] if target.resolve() in chain else ()), here, target]
         problems.add("extends-circle", "these files extend each other in a circle: "
                      + " > ".join(p.name for p in circle) if len(circle) > 2 else f"{source.name} extends itself",
-                     node.place, hint="One of them must be a diagram of its own, without `extends:`.")
+                     node.place, hint="One of them must be a complete diagram, without `extends:`.")
         problems.raise_as(ModelError)
     if not target.is_file():
         near = [p.name for p in sorted(target.parent.glob("*.yaml"))] if target.parent.is_dir() else []
@@ -403,7 +403,7 @@ def _wires(old: dict[str, Wire], new: dict[str, Wire], *, extends: bool, problem
         before = wires.get(name)
         plain = [e for e in wire.ends if e.path[:1] not in "+-"]
         if before is not None and plain:
-            problems.add("node-exists", f"node '{name}' stands in the diagram that this one extends", plain[0].place,
+            problems.add("node-exists", f"node '{name}' is in the diagram that this one extends already", plain[0].place,
                          hint=f"Write `+{plain[0].path}` to join a port to it, `-{plain[0].path}` to take one away.")
             continue
         if not extends and len(plain) < len(wire.ends):

@@ -431,8 +431,7 @@ class _Trial:
 
 def _bind(bind: Callable[..., None], arrays: Iterable[Array]) -> None:
     for k, values in enumerate(arrays):
-        if values.size:
-            # type: ignore[arg-type]  # arrays are buffers; typing knows it later
+            bind(k, memoryview(values.ravel(order="K")))  # type: ignore[arg-type]  # arrays are buffers; typing knows it later
             bind(k, memoryview(values.ravel(order="K")))  # type: ignore[arg-type]
 
 

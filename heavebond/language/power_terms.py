@@ -103,11 +103,11 @@ def _negative(component: Component, share: Array) -> Problem:
 def _undeclared(component: Component, domains: Mapping[str, Domain], ports: tuple[str, ...], share: Array) -> Problem:
     lines = _lines_of(component, domains, ports)
     takes = bool((share >= -TOLERANCE).all())
-    found = Problem(UNDECLARED, f"{component.name} {'takes in' if takes else 'gives'} power and does not declare "
-                    f"{'what becomes of it' if takes else 'where it comes from'}",
+    found = Problem(UNDECLARED, f"{component.name} {'takes in' if takes else 'gives'} power and does not declare its "
+                    f"{'storage or dissipation' if takes else 'source'}",
                     lines[0].place if lines else component.place,
                     "Write `dissipates:` or `stores:` with the formula, then a wrong sign is found." if takes else
-                    "Where it shall not, turn the sign of its force law. Where it may, write `power: source`, or `stores:` "
+                    "If it should not, reverse the sign of its force law. If it may, write `power: source`, or `stores:` "
                     "or `dissipates:` with the formula.")
     return replace(found, notes=tuple(_told(lines[1:])))
 
@@ -116,7 +116,7 @@ def _turned(component: Component, domains: Mapping[str, Domain], ports: list[str
     lines = _lines_of(component, domains, ports)
     where = f"{'port' if len(ports) == 1 else 'ports'} {either(ports)}"
     message = f"{component.name} creates power: the sign at {where} is wrong"
-    message += " (or that of what is stored and dissipated)" if every else ""
+    message += " (or the sign of `stores:` and `dissipates:`)" if every else ""
     if len(lines) == 1:
         message += f": `{lines[0].text}`"
     through = {m for port in ports if (own := component.ports.get(port.partition("[")[0])) and own.domain in domains

@@ -51,7 +51,7 @@ INTERPOLATIONS = ("spline", "linear", "hold")
 
 
 # possible values of a missing entry, if its name does not suffice
-EXAMPLES = {"interpolation": "`interpolation: spline` (what moves smoothly), `linear`, or `hold` (what is switched)",
+EXAMPLES = {"interpolation": "`interpolation: spline` (for smooth signals), `linear`, or `hold` (for switched signals)",
             "use": "`use: fit`, `use: validate` or `use: test`", "file": "`file: name.csv`",
             "unit": "`unit: ...` with its unit (mm, kN, bar; 1 for a plain number)",
             "column": "`column: name_in_the_file`"}
@@ -298,7 +298,7 @@ def _bandwidth(node: Node | None, interpolation: str, problems: Problems) -> flo
         problems.add(problem.code, f"smooth: {problem.message}", read.place, hint="Write for example `smooth: 5 Hz`.")
         return None
     if number is None or not 0 < number < float("inf"):
-        problems.add("smooth-not-positive", f"smooth: '{read.text}' is no frequency above 0", read.place,
+        problems.add("smooth-not-positive", f"smooth: '{read.text}' is not a frequency above 0", read.place,
                      hint="Write for example `smooth: 5 Hz`.")
         return None
     if interpolation == "hold":
@@ -419,7 +419,7 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems, kinds:
         said = [s.text for n, s in entry.items.items() if isinstance(s, Scalar)
                 and (n in ("type", "kind", "Is", "IS") or CAMEL_CASE.fullmatch(s.text))]
         guess = said[0] if said else "Spring"
-        problems.add("kind-missing", f"'{key.text}' does not say what it is", key.place,
+        problems.add("kind-missing", f"'{key.text}' has no `is:`", key.place,
                      hint=f"Write `{key.text}: {{is: {guess}, ...}}`.")
         return None
     settings: dict[str, Value | FileInput] = {}
@@ -513,6 +513,6 @@ def _position(node: Node, problems: Problems) -> tuple[float, ...] | None:
         return None
     if not all(abs(n) <= FARTHEST for n in place[:2]):  # true for NaN as well
         problems.add("at-bad", f"`at: [{', '.join(numbers)}]` lies off any sheet", node.place,
-                     hint=f"Places in a drawing go from -{FARTHEST} to {FARTHEST}; parts stand some 2 apart.")
+                     hint=f"Places in a drawing range from -{FARTHEST} to {FARTHEST}; parts stand some 2 apart.")
         return None
     return place

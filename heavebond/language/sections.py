@@ -89,7 +89,7 @@ def read_initial(node: Node | None, base: Initial, problems: Problems) -> Initia
         if name == "start":
             mode = reading.text(item, "start", problems)
             if mode not in STARTS:
-                problems.add("start-unknown", f"'{mode}' is no way to start", item.place,
+                problems.add("start-unknown", f"'{mode}' is not a mode of `initial:`", item.place,
                              hint=suggest(mode, STARTS) or "Write `start: steady` or `start: rest`.")
         elif name == "solve":
             solve = {word.text: word.place for word in reading.words(item, "solve", problems)}
@@ -221,7 +221,7 @@ def read_plan(node: Node | None, problems: Problems) -> Plan:
     solver = entries.items.get("solver")
     name = reading.text(solver, "solver", problems)
     if solver is not None and name and name not in SOLVERS:
-        problems.add("solver-unknown", f"'{name}' is no solver", solver.place,
+        problems.add("solver-unknown", f"'{name}' is not a solver", solver.place,
                      hint=suggest(name, SOLVERS) or f"There are {listing(SOLVERS)}.")
     return Plan(times.get("from"), times.get("until"), times.get("every"), solver if isinstance(solver, Scalar) else None,
                 ends, times.get("largest_step"))
@@ -241,7 +241,7 @@ def _ending(node: Node | None, problems: Problems) -> Formula | None:
 
 
 def _no_name(name: Name) -> Dimension:
-    raise ExpressionProblem("not-a-quantity", f"'{name.text}' is no number", name.column, name.length)
+    raise ExpressionProblem("not-a-quantity", f"'{name.text}' is not a number", name.column, name.length)
 
 
 def _check_time(name: str, value: Value, problems: Problems, any_sign: bool) -> None:

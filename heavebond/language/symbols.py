@@ -283,7 +283,7 @@ def _element(values: Mapping[str, ca.SX], text: str, name: Name) -> ca.SX:
         return values[base]
     found, places = values[base], [int(k) - 1 for k in indices[:-1].split("][")]
     if any(not 0 <= k < n for k, n in zip(places, found.shape, strict=False)):
-        raise ExpressionProblem("list-index", f"'{text}' is no element of {base}, which has {found.shape[0]}"
+        raise ExpressionProblem("list-index", f"'{text}' is not an element of {base}, which has {found.shape[0]}"
                                 + f" x {found.shape[1]}" * (len(places) > 1), name.column, name.length,
                                 "An index counts from 1.")
     return found[places[0]] if len(places) == 1 else found[places[0], places[1]]

@@ -138,7 +138,7 @@ class _Builder:
         return int(float(evaluate(expr, context)))
 
     def _lookup_nothing(self, text: str, name: Name) -> ca.SX:
-        raise ExpressionProblem("not-an-integer", f"'{text}' is no whole number", name.column, name.length)
+        raise ExpressionProblem("not-an-integer", f"'{text}' is not a whole number", name.column, name.length)
 
     def _slots(self) -> list[str]:
         """Port members, signals and inner variables; a position only if the text names it."""

@@ -31,7 +31,7 @@ def _event(key: Scalar, entry: Mapping, problems: Problems) -> EventDefinition |
     reading.known_keys(entry, (*KINDS, "from", "impulse", "moves", "then", "otherwise"), what, problems, ("then",))
     kinds = [kind for kind in KINDS if kind in entry.items]
     if len(kinds) != 1:
-        said = "does not say when it happens" if not kinds else f"has `{kinds[0]}:` and `{kinds[1]}:`"
+        said = "has no condition and no time" if not kinds else f"has `{kinds[0]}:` and `{kinds[1]}:`"
         problems.add("when-form", f"{what} {said}", key.place, hint=f"Write {FORM}.")
         return None
     kind = kinds[0]
@@ -49,7 +49,7 @@ def _event(key: Scalar, entry: Mapping, problems: Problems) -> EventDefinition |
 
 
 def _resets(what: str, word: str, entry: Mapping, problems: Problems) -> tuple[Reset, ...]:
-    form = f"Write what is set: `{word}: {{contact: 0, a.v: -e * a.v}}`."
+    form = f"Write the new values: `{word}: {{contact: 0, a.v: -e * a.v}}`."
     node = entry.items.get(word)
     if isinstance(node, Mapping) and not node.items:
         problems.add("when-empty", f"{what} sets nothing", node.place, hint=form)

@@ -182,7 +182,7 @@ def _traced(assembly: Assembly, until: Time | None) -> Callable[[Mapping[str, fl
 
 # -- the check -------------------------------------------------------------------------------------------------------
 def check_gradients(subject: Subject, parameters: Sequence[str], *, progress: Progress | None = None) -> list[Verdict]:
-    """One verdict per quantity and parameter. UsageError for a name that is no parameter or where none is given."""
+    """One verdict per quantity and parameter. UsageError for a name that is not a parameter or where none is given."""
     if not parameters:
         raise UsageError([Problem("nothing-to-check", "no parameter is named", None, "Name one with --to.")])
     say = progress or (lambda text: None)

@@ -100,7 +100,7 @@ def uncertainties(problem: Objective) -> dict[str, float]:
 def _width(assembly: Assembly, name: str, text: str) -> float:
     units = {q.name: q.unit for q in assembly.flat.parameters}
     if name not in units:
-        raise UsageError([Problem("parameter-unknown", f"'{name}' is no parameter that may be uncertain", None,
+        raise UsageError([Problem("parameter-unknown", f"'{name}' is not a parameter that may be uncertain", None,
                                   suggest(name, units) or NAMES_LISTED)])
     try:
         number, given = parse_quantity(text)

@@ -83,7 +83,7 @@ def tune(model: ModelOrFile | Assembly | Objective, task: TuningProblem, *, expl
     for what is wrong in the task.
     """
     if method not in METHODS:
-        raise UsageError([Problem("method-unknown", f"'{method}' is no method of tuning", None,
+        raise UsageError([Problem("method-unknown", f"'{method}' is not a method of tuning", None,
                                   suggest(method, METHODS) or f"Methods: {', '.join(METHODS)}.")])
     problem = model if isinstance(model, Objective) else \
         Objective(assemble(model), task)

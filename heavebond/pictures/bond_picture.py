@@ -12,13 +12,13 @@ from heavebond.pictures.bond_layout import Point, places
 from heavebond.pictures.drawing import EDGE, QUIET, WARNING, domain_colour
 from heavebond.pictures.text_metrics import FONT, KIND, NAME, SUMMARY, TITLE, Box, Style, bounds, text_width, wrapped
 
-BARB, BAR = 9, 7  # px: the half arrow's length, half of a causal stroke
+BARB, BAR = 9, 7  # px: length of the half arrow, half length of a causal stroke
 LETTER, LABEL = Style(17, bold=True), Style(10, quiet=True)
-LENGTH, CLEAR = 62.0, 5.0  # px: of a bond from middle to middle of two letters; between a letter and its bonds
-ROOM = 22.0  # px: what a vertex wants around it
-MORE = 7.0  # px: what each bond beyond four at a vertex adds to the length of all of them
+LENGTH, CLEAR = 62.0, 5.0  # px: length of a bond from centre to centre; gap between a letter and its bonds
+ROOM = 22.0  # px: free space around a vertex
+MORE = 7.0  # px: extra length of all bonds at a vertex for each bond beyond four
 BESIDE = 9.0  # px between two bonds of the same vertices
-LEAST = 520.0  # px: a page is not slimmer
+LEAST = 520.0  # px: least width of a page
 
 
 def draw_bond_graph(model: Model) -> str:
@@ -43,7 +43,7 @@ def draw_bond_graph(model: Model) -> str:
 
 
 def _page(model: Model, graph: BondGraph, lines: list[str], box: Box) -> str:
-    """The picture with its title above and what is to be known below."""
+    """The picture with its title above and notes below."""
     width = max(box.right - box.left, LEAST)
     written = [line for note in told(graph) for line in wrapped(note, SUMMARY, width)]
     left, top = round(box.left - EDGE), round(box.top - EDGE - 44)
@@ -63,8 +63,8 @@ def _page(model: Model, graph: BondGraph, lines: list[str], box: Box) -> str:
 
 # -- vertices ----------------------------------------------------------------------------------------------------------
 def _shape(vertex: Vertex) -> Box:
-    """What a letter or a word takes up about its middle."""
-    # a bond ends as clear of an I as of other letters, whichever way it comes
+    """The box of a letter or a word about its centre."""
+    # a bond ends at the same distance from an I as from other letters, in every direction
     letter = max(text_width(vertex.letter, LETTER) / 2, 4.0)
     across = text_width(vertex.label, NAME) / 2 + 8 if vertex.letter == WORD else letter
     high = 12.0 if vertex.letter == WORD else 7.0
@@ -72,7 +72,7 @@ def _shape(vertex: Vertex) -> Box:
 
 
 def _reach(shape: Box, bonds: int) -> float:
-    """How much longer a bond is at a word, and where many meet, so that all have room."""
+    """Extra length of a bond at a word, and at vertices with many bonds."""
     return max(0.0, (shape.right - 10) / 2) + MORE * max(0, bonds - 4)
 
 
@@ -86,7 +86,7 @@ def _vertex(vertex: Vertex, place: Point, box: Box) -> list[str]:
 
 
 def _label_box(label: str, own: Box, taken: list[Box], bonds: list[tuple[Point, Point]]) -> Box:
-    """Where the name of a letter stands: of the places around it the one that covers least."""
+    """Box for the name of a letter: the place around it that covers least."""
     wide, high = text_width(label, LABEL) / 2, LABEL.size + 3
     x, y = (own.left + own.right) / 2, (own.top + own.bottom) / 2
     tried = [Box(u - wide, v - high / 2, u + wide, v + high / 2) for u, v in (
@@ -99,7 +99,7 @@ def _label_box(label: str, own: Box, taken: list[Box], bonds: list[tuple[Point, 
 
 
 def _through(box: Box, start: Point, end: Point) -> bool:
-    """Whether a line goes through a box, as near as its steps of a fortieth tell."""
+    """True if a line crosses a box, tested at forty points."""
     return any(box.left < start[0] + k / 40 * (end[0] - start[0]) < box.right
                and box.top < start[1] + k / 40 * (end[1] - start[1]) < box.bottom for k in range(41))
 
@@ -112,7 +112,7 @@ def _text(x: float, y: float, text: str, size: int, colour: str, bold: bool, ali
 
 # -- bonds -------------------------------------------------------------------------------------------------------------
 def _ends(graph: BondGraph, at: Mapping[str, Point], boxes: Mapping[str, Box]) -> list[tuple[Point, Point]]:
-    """Where each bond begins and ends: on the line between the middles, clear of what stands there."""
+    """End points of each bond: on the line between the centres, outside the boxes of the vertices."""
     pairs = [frozenset((b.tail, b.head)) for b in graph.bonds]
     found = []
     for k, bond in enumerate(graph.bonds):
@@ -120,7 +120,7 @@ def _ends(graph: BondGraph, at: Mapping[str, Point], boxes: Mapping[str, Box]) -
         length = ((u - x)**2 + (v - y)**2)**0.5 or 1.0
         along = ((u - x) / length, (v - y) / length)
         aside = BESIDE * (pairs[:k].count(pairs[k]) - (pairs.count(pairs[k]) - 1) / 2)
-        aside *= 1 if bond.tail < bond.head else -1  # the same side for both ways
+        aside *= 1 if bond.tail < bond.head else -1  # the same side for both directions
         dx, dy = -along[1] * aside, along[0] * aside
         first, last = _out_of(boxes[bond.tail], along, (dx, dy)), _out_of(boxes[bond.head], (-along[0], -along[1]), (dx, dy))
         found.append(((x + dx + first * along[0], y + dy + first * along[1]),
@@ -129,14 +129,14 @@ def _ends(graph: BondGraph, at: Mapping[str, Point], boxes: Mapping[str, Box]) -
 
 
 def _out_of(box: Box, along: Point, off: Point) -> float:
-    """How far from beside the middle of a box a line leaves it, and is clear of it."""
+    """Distance from a point near the centre of a box at which a line leaves it."""
     half = ((box.right - box.left) / 2 + CLEAR, (box.bottom - box.top) / 2 + CLEAR)
     ways = [(side - o * (1 if a > 0 else -1)) / abs(a) for side, a, o in zip(half, along, off, strict=True) if abs(a) > 1e-9]
     return max(0.0, min(ways))
 
 
 def _bond(graph: BondGraph, bond: Bond, ends: tuple[Point, Point]) -> list[str]:
-    """A line, the half arrow at its head, the causal stroke across the end that effort is imposed on."""
+    """A line, the half arrow at its head, the causal stroke across the end on which the effort is imposed."""
     (x, y), (u, v) = ends
     length = ((u - x)**2 + (v - y)**2)**0.5 or 1.0
     along = ((u - x) / length, (v - y) / length)

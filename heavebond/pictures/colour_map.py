@@ -1,9 +1,9 @@
-"""What of a run a drawing shows by colour: the power that components and nodes pass on, or any variable of theirs.
+"""Colours of a run in a drawing: the power that components and nodes transmit, or any variable of them.
 
-Of the powers P_k = effort * flow at the ports of a component, the positive ones come in and the negative ones go out;
-what it passes on is the larger of the two sums: all that enters a damper, all that leaves a source, and what
-goes through a lever. At a node both sums are equal. Where only differences of an effort mean something, as of voltages, two
-ports with opposite flows, i_a = -i_b, count as one: P = (v_a - v_b) i_a, wherever ground is.
+Of the powers P_k = effort * flow at the ports of a component, the positive ones enter and the negative ones leave; the
+transmitted power is the larger of the two sums: the power that enters a damper, that leaves a source, or that passes
+through a lever. At a node both sums are equal. If only differences of an effort have a meaning, as of voltages, two ports
+with opposite flows, i_a = -i_b, count as one: P = (v_a - v_b) i_a, whatever the ground is.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from heavebond.numerics.result import Result
 from heavebond.numerics.simulation import simulate
 
 POWER, MEAN, PEAK = "power", "mean", "peak"
-SCALE = ("#9fb4c7", "#e0b13c", "#d9601f", "#a30d12", "#4d0012")  # from little to much
+SCALE = ("#9fb4c7", "#e0b13c", "#d9601f", "#a30d12", "#4d0012")  # from low to high
 BOTH_WAYS = ("#08407e", "#2f7fc1", "#a7adb3", "#d9601f", "#8c0d12")  # from negative to positive
-SPREAD, DECADES = 30.0, 4  # from such a ratio of the largest to the middle one on, colours are logarithmic
+SPREAD, DECADES = 30.0, 4  # ratio of the largest to the median value from which on colours are logarithmic
 FADED = "#c9ced3"
-OPPOSITE = 1e-6  # of the largest flow: by this much two that are opposite by their equations may differ in a run
+OPPOSITE = 1e-6  # share of the largest flow by which two flows that are opposite by their equations may differ in a run
 Quantities = dict[str, list[str]]
 
 
@@ -61,7 +61,7 @@ class Paint:
         return min(1.0, max(0.0, (value - low) / (high - low)))
 
     def at(self, share: float) -> float:
-        """The value at a share of the way from low to high, as the colours go."""
+        """The value at a share of the colour scale from low to high."""
         if self.logarithmic:
             return float(self.low * (self.high / self.low) ** share)
         return self.low + share * (self.high - self.low)
@@ -79,8 +79,8 @@ def paint(model: Model, what: str, *, at: Time | None = None, over: str = MEAN, 
     """Run a diagram and colour it by `power` or by a variable: `p` at all nodes that have a pressure, `F` in all components
     that have such a variable, `q` at their ports, `crown.v` at one place.
 
-    The values are those `at` a time, else their `mean` or `peak` (the largest size) `over` the run. Raises UsageError for a
-    variable that is nowhere, or is not the same quantity everywhere.
+      The values are taken `at` a time, else their `mean` or `peak` (the largest size) `over` the run. Raises UsageError
+      for a variable that does not exist, or that is not the same quantity everywhere.
     """
     assembly = assemble(model, [what] if "." in what else ())
     result = simulate(assembly, until)
@@ -108,7 +108,7 @@ def _number(course: Array, time: Array, moment: float | None, over: str) -> floa
 
 
 def _scaled(title: str, unit: str, parts: dict[str, float], nets: dict[str, float]) -> Paint:
-    """The values in a unit that reads well, and from where to where the colours go."""
+    """The values in a readable unit, and the limits of the colour scale."""
     sizes = sorted(abs(v) for v in (*parts.values(), *nets.values()))
     shown = readable_unit(unit, sizes[-1])
     target = read_unit(shown)
@@ -119,7 +119,7 @@ def _scaled(title: str, unit: str, parts: dict[str, float], nets: dict[str, floa
     logarithmic = low >= 0 and high > SPREAD * abs(middle)
     if logarithmic:
         low = 10.0**-DECADES * high
-    elif low < 0:  # nothing is grey, whichever way the rest goes
+    elif low < 0:  # zero is grey, whatever the sign of the others
         high = max(high, -low)
         low = -high
     elif title.startswith(POWER):
@@ -131,7 +131,7 @@ def _scaled(title: str, unit: str, parts: dict[str, float], nets: dict[str, floa
 
 # -- power -------------------------------------------------------------------------------------------------------------
 def _powers(result: Result, expanded: Expanded) -> tuple[dict[str, Array], dict[str, Array]]:
-    """What components and nodes pass on (N,), in W."""
+    """Transmitted power of components and nodes (N,), in W."""
     powers = port_powers(result)
     ports: Quantities = {}
     for end in powers:
@@ -156,7 +156,7 @@ def _relative_flows(result: Result, expanded: Expanded, ends: Iterable[str]) -> 
 
 
 def _between(ports: list[str], powers: Mapping[str, Array], flows: Mapping[str, Array]) -> list[Array]:
-    """The powers of one component, with those of two ports of opposite flows summed up."""
+    """The powers of one component; two ports of opposite flows are combined."""
     found, left = [powers[p] for p in ports if p not in flows], [p for p in ports if p in flows]
     while left:
         port = left.pop(0)
@@ -191,7 +191,8 @@ def _variables(result: Result, expanded: Expanded, what: str) -> tuple[dict[str,
         ports = [f"{e}.{last}" for e in _ends(expanded) if e.rpartition(".")[0] == path and f"{e}.{last}" in known]
         if owner in ("", path) and (own or ports) and not (ports and _across(expanded, last) and not own):
             in_parts[path] = own or ports
-    if not at_nodes and not in_parts and what in known:  # a signal: the node of that name, or those that it is wired to
+    # a signal: the node of that name, or the nodes to which it is connected
+    if not at_nodes and not in_parts and what in known:
         at_nodes = {p: [p] for p, j in expanded.junctions.items() if what in (p, *(e.name for e in j.ends))}
     names = list(dict.fromkeys(name for found in (*at_nodes.values(), *in_parts.values()) for name in found))
     if not names:
@@ -205,12 +206,12 @@ def _variables(result: Result, expanded: Expanded, what: str) -> tuple[dict[str,
 
 
 def _across(expanded: Expanded, member: str) -> bool:
-    """Whether it is shared at nodes, so that these show it."""
+    """True if the variable is shared at nodes, so that nodes show it."""
     return any(member in domain.across or member in domain.positions for domain in expanded.model.library.domains.values())
 
 
 def _largest(courses: list[Array]) -> Array:
-    """Of several courses the one that is largest at any time."""
+    """The largest of several time series at each time."""
     return max(courses, key=lambda c: float(np.max(np.abs(c))))
 
 

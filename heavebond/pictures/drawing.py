@@ -1,4 +1,4 @@
-"""A diagram as a picture (SVG): symbols, wires in the colours of what they carry, names, values, marks."""
+"""A diagram as a picture (SVG): symbols, wires in the colours of their domains, names, values, marks."""
 
 from __future__ import annotations
 
@@ -35,26 +35,26 @@ from heavebond.pictures.text_metrics import (
 )
 
 EDGE = 20  # px around the drawing
-NARROWEST = 420  # px, so that a title has room
-WIDER = 1.13  # DejaVu Sans, which viewers without Helvetica and Arial take, over the width that is measured
+NARROWEST = 420  # px: least width, for the title
+WIDER = 1.13  # width of DejaVu Sans, the substitute for Helvetica and Arial, relative to the measured width
 SIGNAL = "#00734f"  # distinct from the colours of the domains for every kind of colour vision (after Okabe and Ito)
 OTHER, QUIET, WARNING, HALO = "#444444", "#5f6368", "#c2410c", "#ffe3d1"
 WIDTHS = {"signal": 1.1}
-ARRAY = 2.2  # times the width, of a wire with several elements
+ARRAY = 2.2  # line width of a wire with several elements, as a factor
 
 
 def draw(model: ModelOrFile, *, open: Iterable[str] = (), open_all: bool = False, values: bool = False,
          highlight: Mapping[str, str] | Iterable[str] = (), colour: Paint | None = None) -> str:
     """The diagram as the text of an SVG file; the same diagram gives the same text.
 
-    `open` names blocks (`cmc`, `ahc`) that are drawn with what is inside, `open_all` opens them all; others are boxes.
-    `values` writes what is set on each component below its name. `highlight` marks components, nodes or ports in a warning
-    colour, each with a short label if a mapping is given: by path, as `cmc.gas`, `platform`, `ahc.cylinder.A`, and `node
-    crown` where a component has the node's name. Blocks around them are opened. `colour` (see `pictures.painting.paint`)
-    colours components and wires by what a run found, and writes it at the components.
+    `open` names blocks (`cmc`, `ahc`) that are drawn with their contents, `open_all` opens them all; others are boxes.
+    `values` writes the settings of each component below its name. `highlight` marks components, nodes or ports in a
+    warning colour, each with a short label if a mapping is given: by path, as `cmc.gas`, `platform`, `ahc.cylinder.A`, and
+    `node crown` if a component has the node's name. Blocks around them are opened. `colour` (see
+    `pictures.painting.paint`) colours components and wires by results of a run, and writes the values at the components.
 
-    Raises ModelError for a diagram or a symbol
-    that cannot be read, UsageError for names that the diagram does not have.
+    Raises ModelError for a diagram or a symbol that cannot be read, UsageError for names that the diagram does not
+    have.
     """
     expanded = expand(loaded(model))
     return draw_expanded(expanded, connect(expanded), open=open, open_all=open_all, values=values, highlight=highlight,
@@ -64,7 +64,7 @@ def draw(model: ModelOrFile, *, open: Iterable[str] = (), open_all: bool = False
 def draw_expanded(expanded: Expanded, network: Network, *, open: Iterable[str] = (), open_all: bool = False,
                   values: bool = False, highlight: Mapping[str, str] | Iterable[str] = (), colour: Paint | None = None
                   ) -> tuple[str, Drawn]:
-    """The same of a diagram that is expanded already, which may be unfinished, with the coordinates of what is drawn."""
+    """Draw an expanded diagram, which may be unfinished; returns also the coordinates."""
     marks = marked_places(expanded, dict(highlight) if isinstance(highlight, Mapping) else dict.fromkeys(highlight, ""))
     blocks = opened_blocks(expanded, [open] if isinstance(open, str) else open, open_all, marks)
     told = {path: colour.text(value) for path, value in colour.parts.items()} if colour else {}
@@ -74,7 +74,7 @@ def draw_expanded(expanded: Expanded, network: Network, *, open: Iterable[str] =
 
 
 def own_sides(expanded: Expanded, outermost: Sheet) -> dict[str, str]:
-    """The edges on which the ports of a block stand that is drawn by itself; none for a diagram, which has no ports."""
+    """The edges of the ports of a block that is drawn by itself; empty for a diagram, which has no ports."""
     if not outermost.ports:
         return {}
     sides = {port: side for side, ports in _sides(expanded.leaves[""].component).items() for port in ports}
@@ -83,7 +83,7 @@ def own_sides(expanded: Expanded, outermost: Sheet) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Look:
-    """What decides on colours besides the domains: marks, and values of a run."""
+    """Colours besides those of the domains: marks, and values of a run."""
 
     marks: Mapping[str, str]
     paint: Paint | None
@@ -108,7 +108,9 @@ class Look:
 
 
 def symbol_picture(component: Component) -> str:
-    """The symbol of a component with its ports named, as the text of an SVG file; a box with its ports where it has none."""
+    """The symbol of a component with its ports named, as the text of an SVG file; a box with its ports if it has no
+    symbol.
+    """
     shape = symbol(component)
     ports = {**{p.name: p.domain for p in component.ports.values()}, **dict.fromkeys(component.signal_names, "signal")}
     if shape is None:
@@ -135,7 +137,7 @@ def symbol_picture(component: Component) -> str:
 
 
 def _sides(component: Component) -> dict[str, list[str]]:
-    """The ports of a box outside a diagram: what goes in on the left, what comes out on the right."""
+    """The ports of a box outside a diagram: inputs on the left, outputs on the right."""
     powers = list(component.ports)
     half = (len(powers) + 1) // 2
     signals = {direction: [s.name for s in component.signals.values() if s.direction == direction]
@@ -144,7 +146,7 @@ def _sides(component: Component) -> dict[str, list[str]]:
 
 
 def _port_name(anchor: Anchor, style: Style = KIND) -> Lettering:
-    """The name of a port outside the picture, beside the end of its wire."""
+    """The name of a port outside the picture, at the end of its wire."""
     dx, dy = SIDES[anchor.side]
     line = (Line(anchor.port, style),)
     align = {-1: "end", 0: "middle", 1: "start"}[dx]
@@ -193,7 +195,7 @@ def _own_ports(drawn: Drawn) -> list[str]:
 
 
 def extent_of(drawn: Drawn) -> Box:
-    """All that stands on the outermost sheet."""
+    """The box around the outermost sheet with all its names."""
     boxes = [item.extent for item in drawn.items]
     if drawn.sheet.ports:
         boxes += [drawn.frame, *(_port_name(anchor, NAME).box for anchor in drawn.anchors)]
@@ -224,7 +226,7 @@ def _sheet(drawn: Drawn, look: Look) -> list[str]:
 
 
 def _item(item: Item, look: Look, reached: frozenset[tuple[int, int]]) -> list[str]:
-    """A part; `reached` are the points where wires end, to mark a port at that of its anchors which is in use."""
+    """A part; `reached` are the end points of wires, to mark the used anchor of a port."""
     kind = item.part.component
     lines = [f'<g class="part" data-part="{xml(item.part.path)}" transform="translate({item.x} {item.y})">',
              f"<title>{xml(f'{item.part.path}: {kind.name}. {kind.summary}')}</title>"]
@@ -381,7 +383,7 @@ def domain_colour(name: str) -> str:
 
 
 def _legend(drawn: Drawn, x: float, y: float) -> tuple[list[str], Box]:
-    """What the colours mean, for those in use."""
+    """Legend of the colours in use."""
     used = _domains(drawn)
     lines, right = [], x
     for domain in [d for d in (*domains(), "signal") if d in used]:
@@ -393,7 +395,7 @@ def _legend(drawn: Drawn, x: float, y: float) -> tuple[list[str], Box]:
 
 
 def _bar(paint: Paint, x: float, y: float) -> tuple[list[str], Box]:
-    """The bar of colours with its figures."""
+    """The colour bar with its numbers."""
     length, height, steps, ticks = 240, 10, 60, (0.0, 0.25, 0.5, 0.75, 1.0)
     lines = [f'<text class="bar" x="{x:g}" y="{y:g}" font-size="{VALUE.size}" fill="#000000">{xml(paint.title)} '
              f"[{xml(unit_label(paint.unit))}]</text>"]

@@ -1,8 +1,8 @@
-"""A run as moving shapes: where every shape of a diagram's `view:` is at every instant.
+"""A run as moving shapes: the position of every shape of a diagram's `view:` at every instant.
 
-A shape lies along the line from one point to another, of length L. Its outline is kept as corners (a, b, w), which stand
-a L + b B along that line and w W beside it (to its left), B and W being a length and a width of the shape. So a spring
-stretches with L, the barrel of a cylinder keeps its length B, and its rod ends at L.
+A shape lies along the line from one point to another, of length L. Its outline is stored as corners (a, b, w), located a
+L + b B along that line and w W to its left, where B and W are a length and a width of the shape. So a spring stretches
+with L, the barrel of a cylinder keeps its length B, and its rod ends at L.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from heavebond.numerics.simulation import simulate
 from heavebond.numerics.simulator import Simulator
 from heavebond.text.expression import Call, Expr, ExpressionProblem, children, names
 
-RATE, LEAST_FRAMES, MOST_FRAMES = 25.0, 500, 3000  # pictures a second, and of a whole run
-EDGE, BAND, ASPECT = 0.05, 0.04, 1.35  # around the picture, how deep ground is, and the least width, of its height
-THIN = 0.08  # of its length: how wide a spring is where nothing is said
-TURNS, ROUND = 7, 36  # of a spring, corners of a circle
-SHOWN = 3  # signals drawn below where none are named
+RATE, LEAST_FRAMES, MOST_FRAMES = 25.0, 500, 3000  # pictures per second, and in a whole run
+EDGE, BAND, ASPECT = 0.05, 0.04, 1.35  # relative to the height: margin around the picture, depth of the ground, least width
+THIN = 0.08  # default width of a spring relative to its length
+TURNS, ROUND = 7, 36  # number of coils of a spring, corners of a circle
+SHOWN = 3  # signals drawn below by default
 METRE = declared_unit("m").dimension
 Corner = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Outline:
-    """A line through corners, `fill`ed with the shape's colour (full), a pale one (soft), white, or not at all; `edge` says
-    how the line itself is drawn: solid, dashed or not at all (empty)."""
+    """A line through corners, filled (`fill`) with the shape's colour (full), a pale one (soft), white, or not at all;
+    `edge` is the style of the line: solid, dashed or none (empty)."""
 
     corners: tuple[Corner, ...]
     fill: str = ""
@@ -61,8 +61,8 @@ class Moving:
 
 @dataclass(frozen=True)
 class Motion:
-    """What is to be seen of a run at `time` (n,) in s: shapes from behind to the front, the picture's edges in m (left,
-    bottom, right, top), and signals by name: unit and course (n,)."""
+    """Animation data of a run at `time` (n,) in s: shapes in drawing order, the picture's edges in m (left, bottom,
+    right, top), and signals by name: unit and time series (n,)."""
 
     title: str
     summary: str
@@ -102,10 +102,10 @@ OUTLINES: dict[str, tuple[Outline, ...]] = {
 
 def animate(model: Model, until: Time | None = None, *, every: Time | None = None,
             parameters: Mapping[str, float | str] | None = None, signals: Iterable[str] = ()) -> Motion:
-    """Run a diagram that has a `view:` and put its shapes where they are; arguments and errors as those of `simulate`.
+    """Run a diagram that has a `view:` and compute the positions of its shapes; arguments and errors as for `simulate`.
 
-    `signals` are drawn over time below; without any, the first outputs of the diagram. Raises ModelError where `view:` is
-    missing, names what the diagram does not have, or gives a place that is no length.
+    `signals` are drawn over time below; by default the first outputs of the diagram. Raises ModelError if `view:` is
+    missing, names something that the diagram does not have, or gives a place that is not a length.
     """
     if not model.view:
         raise ModelError([Problem(
@@ -125,15 +125,15 @@ def animate(model: Model, until: Time | None = None, *, every: Time | None = Non
 
 @dataclass(frozen=True)
 class _Apart:
-    """A position that is integrated beside a run: the variable that is its rate, and its dimension."""
+    """A position that is integrated in addition to the run: the variable that is its rate, and its dimension."""
 
     rate: str
     dimension: Dimension
 
 
 def _apart(assembly: Assembly, wanted: Iterable[str]) -> dict[str, _Apart]:
-    """The rate of each position that is wanted and that nothing in the diagram needs. As a state it would ask for a start of
-    its own and hold a steady one still, so it is integrated beside the run, from 0."""
+    """The rate of each required position that no equation of the diagram needs. As a state it would need a start value
+    and prevent a steady start, so it is integrated separately, from 0."""
     known, found = assembly.flat.names, {}
     for name in wanted:
         port, _, member = name.rpartition(".")
@@ -145,7 +145,7 @@ def _apart(assembly: Assembly, wanted: Iterable[str]) -> dict[str, _Apart]:
 
 def _integrated(result: Result, apart: Mapping[str, _Apart],
                 parameters: Mapping[str, float | str] | None) -> dict[str, Array]:
-    """The integrals (N,) of some rates over a run, which is made again with them."""
+    """The integrals (N,) of some rates over a run, which is repeated with them."""
     if not apart:
         return {}
     assembly = result.assembly
@@ -155,9 +155,9 @@ def _integrated(result: Result, apart: Mapping[str, _Apart],
 
 
 def _courses(result: Result, formulas: Mapping[str, Expr], beside: Mapping[str, Array]) -> dict[str, Array]:
-    """Formulas in SI along a run; some of their names have a course (N,) `beside` it."""
+    """Evaluate formulas in SI along a run; names in `beside` have given time series (N,)."""
     own = [text for text, tree in formulas.items() if not any(n.text in beside for n in names(tree))]
-    # in brackets, so that no formula is taken for the output of that name and given in its unit
+    # in brackets, so that a formula is not taken for the output of that name in its unit
     found = dict(zip(own, result.signals([f"({text})" for text in own]).values(), strict=True))
     resolver = result.assembly.resolver()
     for text in formulas.keys() - set(own):
@@ -171,7 +171,7 @@ def _courses(result: Result, formulas: Mapping[str, Expr], beside: Mapping[str, 
 
 
 def _check(assembly: Assembly, view: Mapping[str, ViewShape], apart: Mapping[str, _Apart]) -> None:
-    """Names and units of all formulas."""
+    """Check names and units of all formulas."""
     problems, resolver = Problems(), assembly.resolver()
     places = {name: own.dimension for name, own in apart.items()}
     for seen in view.values():
@@ -189,8 +189,9 @@ def _check(assembly: Assembly, view: Mapping[str, ViewShape], apart: Mapping[str
                                  hint="Write for example `crown.x + 12 m`.")
                 moving = [apart[n.text].rate for n in names(formula.tree) if n.text in apart]
                 if moving and _has_derivative(formula.tree):
-                    problems.add("view-der", f"'{formula.text}' takes a derivative where a position is no variable of the "
-                                 "diagram", formula.place, hint=f"Write the rate by its name: {listing(moving)}.")
+                    problems.add("view-der", f"'{formula.text}' takes a derivative where a position is not a variable of "
+                                             f"the diagram", formula.place, hint=f"Write the rate by its name: "
+                                                                                 f"{listing(moving)}.")
     problems.raise_as(ModelError)
 
 
@@ -199,7 +200,7 @@ def _has_derivative(tree: Expr) -> bool:
 
 
 def _frames(time: Array) -> Array:
-    """Instants at an even pace, in a number that a page can hold."""
+    """Instants at a constant frame rate, limited to the number that a page can hold."""
     begin, end = float(time[0]), float(time[-1])
     number = min(MOST_FRAMES, len(time), max(LEAST_FRAMES, math.ceil((end - begin) * RATE)))
     return np.linspace(begin, end, max(2, number))
@@ -229,7 +230,7 @@ def _motion(result: Result, time: Array, courses: Mapping[str, Array], chosen: l
 
 
 def _placed(seen: ViewShape, courses: Mapping[str, Array], n: int) -> Array:
-    """x and y of both ends, W and B over time (6, n); what the edges of the picture decide is still open (nan)."""
+    """x and y of both ends, W and B over time (6, n); values that depend on the edges of the picture are still nan."""
     found = np.full((6, n), np.nan)
     given = {key: [courses[f.text] for f in part] for key, part in seen.formulas.items()}
     if seen.kind in WIDE:
@@ -244,13 +245,13 @@ def _placed(seen: ViewShape, courses: Mapping[str, Array], n: int) -> Array:
         found[:2], found[2:4] = given["from"], given["to"]
         length = float(np.mean(np.hypot(*(found[2:4] - found[:2]))))
         found[4] = given["width"][0] if "width" in given else THIN * length
-        # by default the piston stands in the middle of its barrel on the average
+        # by default the mean position of the piston is the middle of its barrel
         found[5] = given["length"][0] if "length" in given else 2 / 3 * length
     return found
 
 
 def _edges(placed: list[tuple[str, Array]]) -> tuple[float, float, float, float]:
-    """Left, bottom, right, top of all that is ever seen, with an edge around it."""
+    """Left, bottom, right, top of all positions, with a margin."""
     own = [course for kind, course in placed if kind not in WIDE]
     if not own:
         raise UsageError([Problem("view-empty", "a view of levels and marks alone has no width", None, "Add a box.")])

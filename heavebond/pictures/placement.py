@@ -1,8 +1,8 @@
-"""Where the parts of a sheet stand: cells of a grid, how each picture is turned, on which sides boxes have their ports.
+"""Placement of the parts of a sheet: cells of a grid, rotation of each picture, sides of the ports of boxes.
 
-Parts whose place is given in the diagram stay there. The others begin beside what they are joined to and move from cell
-to cell as long as the wires become shorter and straighter (a descent over single moves and swaps, in a fixed order, so
-that the same diagram is always drawn the same way).
+Parts with a place in the diagram stay there. The others begin next to the parts to which they are connected and move from
+cell to cell while the wires become shorter and straighter (a descent over single moves and swaps, in a fixed order, so
+that the same diagram is always drawn in the same way).
 """
 
 from __future__ import annotations
@@ -15,27 +15,27 @@ from itertools import product
 from heavebond.pictures.pictograms import MIRROR, SIDES, STRAIGHT, Matrix, Shape
 
 AROUND = 30
-PITCH_X, PITCH_Y = 150, 110  # px from cell to cell, as far as the choice of cells is concerned
+PITCH_X, PITCH_Y = 150, 110  # px from cell to cell in the choice of cells
 BEND, BETWEEN, UNNATURAL = 45, 110, 50
-FAR, BEFORE = 0.02, 25  # a little per px from the first cell, and per cell to the left of it or above: one reads from there
-TURNED = 2  # the earlier turns of a picture are the more usual ones
+# small cost per px from the first cell, and per cell to the left of it or above: reading begins there
+FAR, BEFORE = 0.02, 25
+TURNED = 2  # earlier rotations in the list are more usual
 SWEEPS, STARTS = 6, 5
-MOST_MOVED = 40  # larger sheets are not improved: each sweep tries every pair; parts stand beside what they are joined to
+MOST_MOVED = 40  # larger sheets are not improved, because each sweep tries every pair; parts stay next to their neighbours
 NEIGHBOURS = 6
 Cell = tuple[int, int]
 NUMBERS: dict[Matrix, int] = {(a, b, c, d): k for k, (a, b, c, d) in enumerate(product((-1, 0, 1), repeat=4))}
-# the cost of a wire between two ports: by the pair, and by how they are turned (numbered) and how far they are apart
+# the cost of a wire between two ports: by the pair, their rotations (numbered) and their distance
 Known = dict[tuple[str, str, str, str], dict[tuple[int, int, int, int], float]]
 Place = tuple[int, int, str]  # x, y, side
 
 
 @dataclass(frozen=True)
 class Piece:
-    """What is placed: a part or a port of the sheet's own edge. `shape` is None for what takes its ports on any side.
+    """A placed element: a part or a port of the sheet's edge. `shape` is None if its ports may be on any side.
 
-    side: the edge to which a port of the sheet itself belongs; natural: the sides on which a reader looks for a port; ends:
-    the two ports of a box that stand on its left and right, or the other way round; facing: where its picture's left to
-    right points to, if the diagram says it.
+    side: the edge of a port of the sheet itself; natural: the usual sides of a port; ends: the two ports of a box on
+    its left and right, in either order; facing: the direction of its picture's left to right, if the diagram gives it.
     """
 
     name: str
@@ -49,16 +49,16 @@ class Piece:
 
     @property
     def turns(self) -> tuple[Matrix, ...]:
-        """How it may stand; the ends of a box may change places. A picture that never faces where it is said to may stand
-        as any other."""
+        """Permitted rotations; the ends of a box may be exchanged. If the given direction is impossible for a picture,
+        all its rotations are permitted."""
         turns = self.shape.turns if self.shape is not None else (STRAIGHT, MIRROR) if self.ends else (STRAIGHT,)
         return tuple(turn for turn in turns if turn[:2] == self.facing) or turns
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Cell and turn of each piece; the sides of the ports of those without a fixed shape, in order along the side; the
-    sides on which wires most likely leave each piece (a mass has an anchor on each, and few are used)."""
+    """Cell and rotation of each piece; the sides of the ports of pieces without a fixed shape, in order along the side;
+    the sides on which wires probably leave each piece (a mass has an anchor on each, and few are used)."""
 
     cells: dict[str, Cell]
     turns: dict[str, Matrix]
@@ -67,7 +67,7 @@ class Placement:
 
 
 def place(pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]]) -> Placement:
-    """Cells, turns and sides for pieces that are joined by nets of (piece, port)."""
+    """Cells, rotations and sides for pieces that are connected by nets of (piece, port)."""
     free = [piece.name for piece in pieces if piece.at is None and not piece.side]
     few = len(free) <= MOST_MOVED
     known: Known = {}
@@ -79,8 +79,8 @@ def place(pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]]) ->
 
 def _searched(pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]], first: str, few: bool, known: Known
               ) -> _Search:
-    """A descent that begins with the free piece `first`: each ends in another valley. What wires cost is `known` from one
-    to the next."""
+    """A descent that begins with the free piece `first`: each start leads to another local minimum. `known` keeps costs
+    of wires from one descent to the next."""
     search = _Search(pieces, nets, known)
     search.begin(first)
     for _ in range(SWEEPS if few else 0):
@@ -90,7 +90,7 @@ def _searched(pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]]
 
 
 def _compressed(cells: dict[str, Cell], sides: dict[str, str]) -> dict[str, Cell]:
-    """Cells without empty columns and rows; what belongs to an edge comes to a column or row of its own."""
+    """Remove empty columns and rows; pieces of an edge get a separate column or row."""
     inner = [cell for name, cell in cells.items() if not sides[name]] or [(0, 0)]
     columns = {c: k for k, c in enumerate(sorted({c for c, _ in inner}))}
     rows = {r: k for k, r in enumerate(sorted({r for _, r in inner}))}
@@ -116,19 +116,21 @@ class _Search:
                 self.of[name].append(k)
         self.on_edge = [p.name for p in pieces if p.side]
         self.shapes: dict[tuple[str, Matrix], Shape] = {}
-        # of each net what wires between its terminals cost, by two terminals
+        # for each net the cost of wires between its terminals, by two terminals
         self.costs = [[[known.setdefault((*one, *two), {}) for two in net] for one in net] for net in self.nets]
         self.cells: dict[str, Cell] = {}
         self.turns: dict[str, Matrix] = {}
         self.taken: dict[Cell, str] = {}
 
     def cost(self) -> float:
-        """What the whole sheet costs."""
+        """Cost of the whole sheet."""
         return self._cost_around(list(self.pieces))
 
     # -- moves -----------------------------------------------------------------------------------------------------
     def begin(self, first: str) -> None:
-        """Given places, and `first`; then, from what is joined to the placed ones most, each in its best free cell."""
+        """Place the given pieces, and `first`; then, in turn, the piece with most connections to placed ones in its best
+        free cell.
+        """
         for piece in self.pieces.values():
             if piece.at is not None:
                 self._put(piece.name, self._free_near(piece.at), piece.turns[0])
@@ -153,7 +155,9 @@ class _Search:
                     self._turn_both(first, second)
 
     def _turn_both(self, first: str, second: str) -> None:
-        """Two pieces on one node may gain only if both turn: a spring and the damper beside it."""
+        """Rotate two pieces on one node together, which may lower the cost if single rotations do not: a spring and a
+        damper in parallel.
+        """
         before = self.turns[first], self.turns[second]
         best, chosen = self._cost_around([first, second]) - 1e-6, before
         for one in self.pieces[first].turns:
@@ -165,7 +169,9 @@ class _Search:
         self.turns[first], self.turns[second] = chosen
 
     def _ways(self, name: str) -> int:
-        """In how many ways a chain may go on from a piece; what ends it, such as a weight, waits until it is laid."""
+        """Number of directions in which a chain may continue from a piece; end pieces, such as a weight, wait until the
+        chain is placed.
+        """
         shape = self.pieces[name].shape
         return len(self.of[name]) if shape is None else len(shape.anchors)
 
@@ -173,7 +179,7 @@ class _Search:
         return any(name in self.cells for name, _ in self.nets[k])
 
     def sweep(self) -> bool:
-        """Move every piece once to where it costs least, then swap pairs; whether anything became better."""
+        """Move every piece once to its cheapest cell, then swap pairs; returns True if the cost fell."""
         better = False
         for piece in self.pieces.values():
             before = self._cost_around([piece.name])
@@ -220,13 +226,13 @@ class _Search:
         self.taken.pop(self.cells.pop(name), None)
 
     def _free_near(self, cell: Cell) -> Cell:
-        """The cell, or the next free one below: two parts may have been given one place."""
+        """The cell, or the next free one below: two parts may have the same given place."""
         while cell in self.taken:
             cell = (cell[0], cell[1] + 1)
         return cell
 
     def _turn(self, name: str) -> None:
-        """Turn a piece as suits its wires best, the first of its turns where several do."""
+        """Rotate a piece to the lowest cost of its wires, the first rotation among equal ones."""
         turns = self.pieces[name].turns
         if len(turns) > 1:
             best, chosen = math.inf, 0
@@ -238,7 +244,7 @@ class _Search:
             self.turns[name] = turns[chosen]
 
     def _best(self, name: str) -> tuple[Cell, Matrix]:
-        """The free cell and the turn in which a lifted piece costs least."""
+        """The free cell and the rotation with the lowest cost of a removed piece."""
         best: tuple[float, Cell, Matrix] | None = None
         for cell in self._choices(name):
             if cell in self.taken:
@@ -272,8 +278,8 @@ class _Search:
 
     # -- cost ------------------------------------------------------------------------------------------------------
     def _cost_around(self, names: list[str], most: float = math.inf) -> float:
-        """What the nets of some pieces cost, their distance from the rest, and a little for height: paper is wide. From
-        `most` on it need not be known by how much it is more: all parts of a cost are above zero."""
+        """Cost of the nets of some pieces, of their distance from the rest, and a little of height: paper is wide. Costs
+        above `most` need not be exact: all contributions are positive."""
         total = 0.0
         for k in self.of[names[0]] if len(names) == 1 else dict.fromkeys(k for name in names for k in self.of[name]):
             total += self._net_cost(k, most - total)
@@ -292,8 +298,8 @@ class _Search:
                                      "bottom": cell[1] >= edge[1]}[self.pieces[other].side]
 
     def _net_cost(self, k: int, most: float = math.inf) -> float:
-        """The length of a tree over the placed terminals, bends and parts in between counted in; from `most` on it need not
-        be known by how much it is more."""
+        """The length of a tree over the placed terminals, with costs of bends and parts in between; costs above `most`
+        need not be exact."""
         total = 0.0
         for cost, _, _ in self._tree(k):
             total += cost
@@ -317,7 +323,7 @@ class _Search:
             least = math.inf, 0
             for i in left:
                 u, v, other = at[i]
-                # it depends on how far apart the two are, not on where they are: most of it was worked out before
+                # the cost depends on the distance of the two only, so most of it has been computed before
                 key = turn, other, u - x, v - y
                 cost = known[i].get(key)
                 if cost is None:
@@ -350,12 +356,12 @@ class _Search:
         return {name: frozenset(sides) for name, sides in found.items()}
 
     def _nearest(self, one: tuple[str, str], two: tuple[str, str]) -> tuple[float, Place, Place]:
-        """The cheapest wire between two ports, and where it would end."""
+        """The cheapest wire between two ports, and its ends."""
         return min(((extra + more + wire_cost(p, q), p, q) for p, extra in self._places(*one)
                     for q, more in self._places(*two)), key=lambda found: found[0])
 
     def _places(self, name: str, port: str) -> list[tuple[Place, float]]:
-        """Where a port may be reached, with what an unusual side costs."""
+        """Possible ends of a wire at a port, with the cost of an unusual side."""
         piece = self.pieces[name]
         x, y = self.cells[name][0] * PITCH_X, self.cells[name][1] * PITCH_Y
         if piece.side:
@@ -374,7 +380,7 @@ class _Search:
 
     # -- sides -----------------------------------------------------------------------------------------------------
     def sides(self) -> dict[str, dict[str, list[str]]]:
-        """For each piece without a fixed shape its ports by side, ordered as what they are joined to."""
+        """For each piece without a fixed shape its ports by side, in the order of their neighbours."""
         found = {}
         for piece in self.pieces.values():
             if piece.shape is None and not piece.side:
@@ -393,13 +399,13 @@ class _Search:
         return found
 
     def _partners(self, name: str, port: str) -> list[Place]:
-        """What a port may be joined to."""
+        """Possible places of the neighbours of a port."""
         net = next((net for net in self.nets if (name, port) in net), [])
         return [place for other, p in net if other != name for place, _ in self._places(other, p)]
 
     def _side(self, piece: Piece, port: str, partners: list[Place]) -> tuple[str, tuple[float, float]]:
-        """The side for a port, and its order along it: as its nearest partners stand; of two in one line the one that is
-        further off comes first or last, so that the wires need not cross."""
+        """The side for a port, and its order along it: by the place of its nearest neighbour; of two in one line the
+        farther one is first or last, so that the wires need not cross."""
         best = min(((extra + wire_cost(place, other), place[2], other) for place, extra in self._places(piece.name, port)
                     for other in partners), key=lambda item: item[0])
         x, y = (cell * pitch for cell, pitch in zip(self.cells[piece.name], (PITCH_X, PITCH_Y), strict=True))
@@ -410,7 +416,7 @@ class _Search:
 
 
 def wire_cost(one: Place, two: Place) -> float:
-    """Length and bends of a wire between two anchors that leave on given sides, nothing in the way."""
+    """Length and bends of a wire between two anchors that leave on given sides, without obstacles."""
     dx, dy = two[0] - one[0], two[1] - one[1]
     (ax, ay), (bx, by) = SIDES[one[2]], SIDES[two[2]]
     ahead, back = ax * dx + ay * dy, -(bx * dx + by * dy)

@@ -26,14 +26,16 @@ if TYPE_CHECKING:
 
 OTHER = "#b0b0b0"
 SUPPLY, HEAT, STORE, PASS, NODE = COLOURS[0], COLOURS[1], COLOURS[2], "#444444", "#9a9a9a"
-BULGE = 0.35  # how far a ribbon that goes back swings out, in columns
-MOST_BARS = 25  # components with a bar, for a page
-SEEN = 1e-6  # shares below are rounding
-THICK, GAP = 0.16, 0.35  # a box's width in columns; the room between boxes in a column, over the tallest column
+BULGE = 0.35  # overhang of a ribbon that returns, in columns
+MOST_BARS = 25  # number of components with a bar, for a page
+SEEN = 1e-6  # smaller shares are rounding errors
+THICK, GAP = 0.16, 0.35  # width of a box in columns; gap between boxes in a column, relative to the tallest column
 
 
 def plot_energy_flow(flow: EnergyFlow, *, title: str = "") -> Figure:
-    """Boxes from left to right, ribbons as wide as the energy that goes along; the writing says what stays in a box."""
+    """Boxes from left to right, ribbons with the width of the transferred energy; the labels give the energy that stays
+    in a box.
+    """
     columns = 1 + max((box.column for box in flow.boxes.values()), default=0)
     rows = 1 + max((box.row for box in flow.boxes.values()), default=0)
     figure = Figure(figsize=(max(WIDTH, 1.9 * columns + 1.5), max(4.5, 0.75 * rows + 2)), dpi=DPI, layout="constrained")
@@ -88,14 +90,14 @@ def plot_activity(found: EnergyAudit, *, title: str = "") -> Figure:
 
 
 def _main_colour(line: EnergyLine) -> str:
-    """What a component is in the first place; a block is a source where it gives more than it turns to heat."""
+    """Colour of the main role of a component; a block is a source if it supplies more energy than it dissipates."""
     if line.supplied > line.dissipated if line.kind == BLOCK else line.kind:
         return SUPPLY
     return HEAT if line.dissipated > abs(line.stored) + line.delivered else STORE
 
 
 def _size(name: BoxKey, flow: EnergyFlow) -> float:
-    """The height of a box: what goes in or out, whichever is more."""
+    """The height of a box: the larger of the incoming and outgoing energy."""
     return max(sum(k.energy for k in flow.links if k.target == name), sum(k.energy for k in flow.links if k.source == name))
 
 
@@ -123,7 +125,7 @@ def _pale(domain: str) -> str:
 
 
 def _ribbon(axes: Axes, left: float, right: float, start: float, end: float, link: Link) -> None:
-    """From (left, start) to (right, end), as high as its energy."""
+    """Ribbon from (left, start) to (right, end), as high as its energy."""
     middle, height = (left + right) / 2, link.energy
     points = [(left, start), (middle, start), (middle, end), (right, end), (right, end - height), (middle, end - height),
               (middle, start - height), (left, start - height), (left, start)]
@@ -133,7 +135,7 @@ def _ribbon(axes: Axes, left: float, right: float, start: float, end: float, lin
 
 
 def _ribbon_back(axes: Axes, left: float, right: float, start: float, end: float, lane: float, link: Link) -> None:
-    """From (left, start) down to a lane below all boxes, along it against the columns, and up to (right, end)."""
+    """Ribbon from (left, start) down to a lane below all boxes, backwards along it, and up to (right, end)."""
     height, wide, narrow = link.energy, BULGE, 0.4 * BULGE
     points = [(left, start), (left + wide, start), (left + wide, lane - height), (left, lane - height),
               (right, lane - height), (right - wide, lane - height), (right - wide, end), (right, end),

@@ -26,13 +26,13 @@ PANEL = 2.3
 SMALL: Any = {"font.size": 8, "axes.titlesize": 9, "legend.fontsize": 8, "axes.labelsize": 8}
 MOST_PANELS = 6
 BARS = 12  # parameters of a tornado
-NO_NUMBER = "#d9d9d9"  # a case without a number, on a map
+NO_NUMBER = "#d9d9d9"  # colour of a case without a number, on a map
 SHARES = f"{', '.join(f'{100 * q:g}' for q in QUANTILES[:-1])} and {100 * QUANTILES[-1]:g} %"
-NUMBERED = 60  # cells of a map up to which each has its number
+NUMBERED = 60  # number of cells of a map up to which numbers are written
 
 
 def quiet(panel: Axes, axis: Any = "both") -> None:
-    """A pale grid behind, no frame above and at the right."""
+    """A pale grid in the background, no frame at the top and at the right."""
     panel.grid(True, axis=axis, color="#e4e4e4", linewidth=0.5)
     panel.spines[["top", "right"]].set_visible(False)
     panel.set_axisbelow(True)
@@ -59,7 +59,7 @@ def _label(result: StudyResult, name: str) -> str:
 
 
 def histograms(result: StudyResult, picture: Picture) -> Figure:
-    """How often a number comes out, a colour per level of the other axes; dashed where 5, 50 and 95 % lie below."""
+    """Histogram of a number, a colour per level of the other axes; dashed lines at the 5, 50 and 95 % quantiles."""
     figure, panels = _column(picture, [""] * len(picture.names), PANEL)
     for panel, name in zip(panels, picture.names, strict=True):
         found = [(others, values[np.isfinite(values)]) for others, outcomes in groups(result)
@@ -77,13 +77,13 @@ def histograms(result: StudyResult, picture: Picture) -> Figure:
         panel.set_xlabel(_label(result, name))
         panel.set_ylabel("cases")
         quiet(panel, "y")
-        # one below the other: quantiles that are close would overlap at their lines
+        # one below the other: labels of close quantiles would overlap
         panel.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.1)
     return figure
 
 
 def tornados(result: StudyResult, picture: Picture) -> Figure:
-    """How far each parameter, alone, moves a number between both ends of its range: the widest bar on top."""
+    """Change of a number for each parameter alone between both ends of its range: the widest bar on top."""
     found = [(name, others, rows[:BARS]) for name in picture.names for others, rows in swings(result, name)]
     longest = max((len(rows) for *_, rows in found), default=1)
     figure, panels = _column(picture, [others for _, others, _ in found], 0.8 + 0.24 * longest)
@@ -117,8 +117,8 @@ def _tornado(panel: Axes, rows: list[TornadoBar]) -> None:
 
 
 def shares(result: StudyResult, picture: Picture) -> Figure:
-    """Indices of sensitivity: bars for a parameter alone and with the others, with their 95 % intervals; to first order from
-    slopes where the sample is `local`."""
+    """Sensitivity indices: bars for a parameter alone and with the others, with their 95 % intervals; to first order from
+    slopes if the sample is `local`."""
     told: list[Indices | Slopes] = [*indices(result), *slopes(result)]
     found = [one for one in told if one.quantity in picture.names]
     longest = max((len(i.parameters) for i in found), default=1)
@@ -172,7 +172,7 @@ def _map(figure: Figure, panel: Axes, result: StudyResult, name: str, outcomes: 
         index = result.case_of(outcome).index
         table[index[at[1]], index[at[0]]] = result.value(outcome, name)
     known = table[np.isfinite(table)]
-    # a case that breaks out must not leave all others one colour
+    # one extreme case must not make all others one colour
     scale = LogNorm() if len(known) and known.min() > 0 and known.max() > WIDE * known.min() else Normalize()
     drawn_map = panel.pcolormesh(np.ma.masked_invalid(table), cmap="cividis", norm=scale, edgecolors="white", linewidth=0.4)
     panel.set_facecolor(NO_NUMBER)

@@ -1,4 +1,6 @@
-"""Pictures of what is missing at a place: over the speed, position or pressure there, and over time; and of the misfit."""
+"""Figures of a localisation: the estimated input at a place over speed, position or pressure, and over time; and the
+misfit.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +16,12 @@ from heavebond.numerics.dae import Array
 from heavebond.pictures.plot import COLOURS, DPI, RECORD, RECT, WIDTH
 
 PANELS = 3
-# Samples that are drawn of a cloud.
+# Number of samples drawn in a scatter plot.
 MOST = 3000
 
 
 def plot_place(found: Localization, place: str) -> Figure:
-    """What would have to act at a place: over the variable that tells it best and two others around, with the curve through
+    """Estimated input at a place: over the variable that explains it best and two others near it, with the curve through
     it, and over time with twice its standard deviation; UsageError for a place that was not estimated."""
     found.implied(place)
     suspect = next(s for s in found.suspects if s.place.name == place)
@@ -41,7 +43,7 @@ def plot_place(found: Localization, place: str) -> Figure:
 
 
 def plot_misfit(found: Localization) -> Figure:
-    """When the model misses its records, and the curve of each channel's error over the variable that tells it best."""
+    """Time of the misfit to the records, and the curve of each channel's error over the variable that explains it best."""
     channels = list(found.experiment.outputs)
     records = list(dict.fromkeys(s.record for s in found.stretches))
     first = {s.channel: s for s in reversed(found.states)}
@@ -84,7 +86,7 @@ def _variables(suspect: PlaceEstimate) -> list[str]:
 
 
 def _cloud(panel: Axes, suspect: PlaceEstimate, name: str, shown: str) -> None:
-    """The force over one variable, rising and falling apart by colour, and the curve through it."""
+    """The force over one variable, rising and falling in different colours, and the curve through it."""
     assert suspect.curve is not None
     x = np.concatenate([i.local[name] for i in suspect.implied.values()])
     y = np.concatenate([i.value for i in suspect.implied.values()])

@@ -14,22 +14,24 @@ from numpy.typing import NDArray
 from heavebond.core.errors import DataError, Place, Problem
 
 Array = NDArray[np.float64]
-Aside = tuple[str, str]  # why a variable is no column, and what to do
+Aside = tuple[str, str]  # reason why a variable is not a column, and advice
 NUMERIC = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
-DEEPEST = 6  # structs in structs
+DEEPEST = 6  # depth of nested structs
 UNPACK = {"timeseries": "In MATLAB, save plain vectors: `t = x.Time; y = x.Data; save('file.mat', 't', 'y', '-v7')`.",
           "timetable": "In MATLAB, save plain vectors: `t = seconds(x.Time); y = x.y; save('file.mat', 't', 'y', '-v7')`."}
 
 
 @dataclass
 class Vectors:
-    """What a MAT file holds: vectors of numbers by name, and the variables that are none, with the reason."""
+    """Contents of a MAT file: vectors of numbers by name, and the other variables with the reason why they are not
+    columns.
+    """
 
     columns: dict[str, Array] = field(default_factory=dict)
     aside: dict[str, Aside] = field(default_factory=dict)
 
     def beside(self, name: str | None) -> Vectors:
-        """Only the vectors as long as `name` (without it, of the commonest length)."""
+        """Only the vectors with the length of `name` (without it, of the commonest length)."""
         if not self.columns:
             return self
         lengths = [len(v) for v in self.columns.values()]
@@ -42,20 +44,20 @@ class Vectors:
 
 
 def read_matlab(path: Path, place: Place | None = None) -> Vectors:
-    """The vectors of a MAT file of version 4 to 7, or 7.3 where h5py is installed.
+    """The vectors of a MAT file of version 4 to 7, or 7.3 if h5py is installed.
 
-    A matrix of n rows and k columns is taken as `name.1` .. `name.k`, an array of structs likewise; vectors of 1 element
-    are no columns. Raises DataError where the file cannot be read.
+    A matrix of n rows and k columns is read as `name.1` .. `name.k`, an array of structs likewise; vectors of 1 element
+    are not columns. Raises DataError if the file cannot be read.
     """
     from scipy.io import loadmat
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of names that stand twice, which are told apart by nobody
+            warnings.simplefilter("ignore")  # names that occur twice cannot be distinguished
             raw = loadmat(path, squeeze_me=True)
     except NotImplementedError:
         return _read_hdf5(path, place)
-    except Exception as error:  # at damaged files the reader stumbles in many ways
+    except Exception as error:  # damaged files cause many kinds of exceptions in the reader
         said = (str(error).splitlines() or [""])[0]
         raise DataError([Problem("record-mat", f"'{path.name}' is not a MAT file that can be read", place,
                                  "Save it again in MATLAB: `save('file.mat', 't', 'y', '-v7')`.",
@@ -70,7 +72,7 @@ def read_matlab(path: Path, place: Place | None = None) -> Vectors:
 def _add(found: Vectors, name: str, value: Any, depth: int) -> None:
     value = np.asarray(value)
     names = value.dtype.names
-    if names and set(names) >= {"s0", "s1", "s2"}:  # an object; its name and class stand inside
+    if names and set(names) >= {"s0", "s1", "s2"}:  # an object; its name and class are inside
         _set_aside(found, _text(value.ravel()[0]["s0"]) or name, _text(value.ravel()[0]["s2"]) or "object")
     elif names and depth < DEEPEST:
         for k, one in enumerate(value.ravel(), 1):
@@ -128,7 +130,7 @@ def _add_group(found: Vectors, group: Any, prefix: str, depth: int) -> None:
     import h5py
 
     for member in group:
-        # a link may lead into another file
+        # a link may point to another file
         if member.startswith("#") or not isinstance(group.get(member, getlink=True), h5py.HardLink):
             continue
         item, name = group[member], prefix + member

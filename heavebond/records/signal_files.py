@@ -1,4 +1,4 @@
-"""Signals from files: of a saved run, or of a record as a logger left it."""
+"""Signals from files: a saved run, or a record of a data logger."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def read_courses(path: Path, names: Sequence[str], *, time: str | None = None, b
                  end: float = float("inf")) -> list[EvenSignal]:
     """Signals of a file between two times (s).
 
-    A saved run has units; of a record `time` is the column of the times in s (the first by default), and a unit is known
-    where a head says it in brackets. DataError and UsageError as these files are read.
+    A saved run has units; in a record `time` is the column of the times in s (the first by default), and a unit is read
+    from brackets in the header. DataError and UsageError as for these files.
     """
     try:
         run = read_run(path)

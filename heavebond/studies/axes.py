@@ -162,7 +162,7 @@ def _sampled(name: str, entry: Mapping, place: Place, problems: Problems) -> Axi
 
 def _variant(name: str, node: Node, source: Source, problems: Problems) -> Level | None:
     entry = reading.mapping(node, f"'{name}'", problems,
-                            "Write what is set: `{gas.c: 40 kN/m}`, or `{}` for the diagram itself.")
+                            "Write the new values: `{gas.c: 40 kN/m}`, or `{}` for the diagram itself.")
     if entry is None:
         return None
     diagram = entry.items.get("model")
@@ -201,7 +201,7 @@ def read_numbers(node: Node, name: str, problems: Problems) -> Numbers | None:
         number = constant(value.expr) if value is not None and not value.formula else None
         if value is None or number is None:
             if value is not None:
-                problems.add("not-a-quantity", f"{name}: '{value.text}' is no plain quantity", value.place)
+                problems.add("not-a-quantity", f"{name}: '{value.text}' is not a plain quantity", value.place)
             continue
         own = getattr(value.expr, "unit", None) or read_unit("1")
         unit = unit or own

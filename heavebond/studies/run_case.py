@@ -248,7 +248,7 @@ def _check_along(study: Study, assembly: Assembly, problems: Problems) -> None:
     for name in axis.levels[0].along if axis is not None else ():
         assert axis is not None and axis.sampling is not None
         if name not in units:
-            problems.add("parameter-unknown", f"'{name}' is no parameter by which a slope could be taken", axis.place,
+            problems.add("parameter-unknown", f"'{name}' is not a parameter by which a slope could be taken", axis.place,
                          hint=suggest(name, units) or NAMES_LISTED)
         elif units[name].dimension != axis.sampling.over[name].unit.dimension:
             problems.add("unit-wrong", f"the range of {name} is in {axis.sampling.over[name].unit.text}; "

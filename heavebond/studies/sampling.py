@@ -158,7 +158,7 @@ def _drawn(chosen: Entries, over: Mapping[str, Range], problems: Problems) -> Sa
     if len(kinds) != 1 or kinds[0] not in DRAWN:
         near = suggest(kinds[0], DRAWN) if kinds else ""
         problems.add("sample-unknown", "it is not said how to sample" if len(kinds) != 1 else
-                     f"'{kinds[0]}' is no way to sample", chosen.place,
+                     f"'{kinds[0]}' is not a way to sample", chosen.place,
                      hint=near or f"Write `{{sobol: 64}}`; there are {', '.join(DRAWN)} and the words {', '.join(NAMED)}.")
         return None
     kind = kinds[0]

@@ -204,7 +204,7 @@ def study_from_source(source: Source) -> Study:
     problems = Problems()
     root = source.root
     if "study" not in root.items:
-        raise ModelError([Problem("not-a-study", f"{source.name} is no study: it has no `study:`", root.place,
+        raise ModelError([Problem("not-a-study", f"{source.name} is not a study: it has no `study:`", root.place,
                                   suggest("study", root.items) or "A study begins with `study: name`.")])
     _known_keys(root, problems)
     problems.raise_as(ModelError)
@@ -413,7 +413,7 @@ def _calibration(node: Node | None, beside: Many[ReferenceValues], problems: Pro
             problems.add("target-unknown", f"{wanted} gives no '{name}'", place,
                          hint=suggest(name, beside[source].numbers) or f"It gives {listing(beside[source].numbers)}.")
         elif name in (COST, SIMULATIONS) or (unit is not None and unit.dimension):
-            problems.add("target-wrong", f"'{name}: {text}' is no target: a measured quantity or a gain, and how near it "
+            problems.add("target-wrong", f"'{name}: {text}' is not a target: a measured quantity or a gain, and how near it "
                          "should come", place, hint="Write for example `WOB variation: 25 %`.")
         found[name] = width
     return Calibration(read_ranges(entry.items.get("free"), "free", problems), found, source)

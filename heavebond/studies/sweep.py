@@ -130,7 +130,7 @@ def _sample(sweep: Sweep) -> str:
                                   f"Write --sample {said}." if said else suggest(kind, KINDS) or
                                   f"Write {listing([f'{k}:64' for k in DRAWN] + list(NAMED), 9)}.")])
     if kind in BALANCED and points & (points - 1):
-        raise UsageError([Problem("sample-unbalanced", f"--sample {sweep.sample}: {number} is no power of two", None,
+        raise UsageError([Problem("sample-unbalanced", f"--sample {sweep.sample}: {number} is not a power of two", None,
                                   f"Write --sample {kind}:{1 << points.bit_length() - 1} or "
                                   f"{kind}:{1 << points.bit_length()}.")])
     return f"{{{kind}: {number}, seed: {sweep.seed}}}"

@@ -51,7 +51,7 @@ def _seconds(text: str) -> tuple[float, float]:
     try:
         found = parse_range(text)
         if found.unit.dimension != unit("s").dimension:
-            raise UnitProblem("unit-wrong", f"'{text}' is no time", "Write for example --evaluate '72 .. 96 s'.")
+            raise UnitProblem("unit-wrong", f"'{text}' is not a time", "Write for example --evaluate '72 .. 96 s'.")
     except UnitProblem as problem:
         raise UsageError([Problem(problem.code, f"--evaluate: {problem.message}", None, problem.hint)]) from None
     return found.low, found.high

@@ -1,4 +1,4 @@
-"""What moves on the drawing along a run: effort, flow and power of the wires, energy and losses of the parts."""
+"""Animated quantities on the drawing of a run: effort, flow and power of the wires, energy and losses of the parts."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.result import Result
 from heavebond.studio.contents import Entry
 
-FRAMES = 400  # instants at most; the page shows one after the other
+FRAMES = 400  # largest number of instants that the page shows in sequence
 SIGNAL = "signal"
 
 
 def animation(result: Result) -> tuple[Entry, Array]:
-    """For each node `effort`, `flow` and `power`, for each part `energy` and `loss`: the row of its course, its unit and
-    its largest size; and the courses, (1 + rows, F), the first of them the time in s.
+    """For each node `effort`, `flow` and `power`, for each part `energy` and `loss`: the row of its time series, its unit
+    and its largest size; and the time series, (1 + rows, F), the first of them the time in s.
 
-    What the ports of a node share stands with its sign, what they share out by the size of the largest; the power through
-    a node is half the sum of the sizes of the powers over its ports. `loss` is the power that a part dissipates.
+      The across variable of a node keeps its sign; its through variable is the size of the largest at its ports; the
+      power through a node is half the sum of the sizes of the powers at its ports. `loss` is the power that a part
+      dissipates.
     """
     flat = result.assembly.flat
     wanted = [*_of_nodes(flat), *_of_parts(flat)]
@@ -46,7 +47,7 @@ def animation(result: Result) -> tuple[Entry, Array]:
 
 
 def _instants(time: Array) -> NDArray[np.intp]:
-    """The numbers of output points that are about evenly spread over the time."""
+    """Indices of output points that are about evenly spread over the time."""
     if len(time) <= FRAMES:
         return np.arange(len(time))
     return np.unique(np.searchsorted(time, np.linspace(time[0], time[-1], FRAMES)))
@@ -94,7 +95,7 @@ def _largest(values: list[ca.SX]) -> ca.SX:
 
 
 def _of_parts(flat: Flat) -> Iterable[Wanted]:
-    """The energy stored in each part and its loss, those of a block summed over what is in it."""
+    """The energy stored in each part and its loss, summed over the parts of a block."""
     for path in flat.expanded.leaves:
         own = [e for e in flat.energetics if e.owner == path or e.owner.startswith(f"{path}.")]
         for quantity, unit, terms in (("energy", "J", [e.energy for e in own]), ("loss", "W", [e.dissipated for e in own])):
@@ -116,7 +117,7 @@ def modes(assembly: Assembly, settings: Mapping[str, float | str]) -> Entry:
 
 
 def _with_blocks(flat: Flat, shares: Mapping[str, float]) -> dict[str, float]:
-    """The shares, with those of a block summed over what is in it."""
+    """The shares, with sums over the parts of each block."""
     sums = {path: sum(share for owner, share in shares.items() if owner == path or owner.startswith(f"{path}."))
             for path in flat.expanded.leaves}
     return {path: share for path, share in sums.items() if share > 0}

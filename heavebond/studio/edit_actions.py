@@ -1,4 +1,4 @@
-"""The edits of a drawing by their names, as the page asks for them."""
+"""The edits of a drawing by the names that the page sends."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ ACTIONS: dict[str, Callable[[Diagram, Job, Entry], Entry]] = {
     "place": one.place_part, "move": one.move_part, "turn": one.turn_part, "rename": one.rename_part,
     "rename_node": one.rename_node, "copy": one.copy_part, "delete": one.delete, "join": wire.join_ports,
     "leave": wire.leave_node, "move_parts": group.move_parts, "copy_parts": group.copy_parts, "show": run.show_signal}
-# what is written without knowing the diagram, and so where one of its values cannot be read, too
+# edits that need no valid diagram, and so also work if one of its values cannot be read
 VALUES: dict[str, Callable[[Written, Job, Entry], Entry]] = {
     "set": one.set_value, "initial": run.initial_value, "setting": run.run_setting}
-RUNS = ("show", "initial", "setting")  # what only a diagram has that is simulated
+RUNS = ("show", "initial", "setting")  # edits of diagrams that are simulated
 
 
 def edited(job: Job, action: Entry) -> Entry:
-    """The text after an action, and what is selected then. UsageError with the reason where it cannot be done, or where it
-    would write a value that cannot be read into a diagram that can."""
+    """The text after an action, and the new selection. UsageError with the reason if it is not possible, or if it would
+    add an unreadable value to a readable diagram."""
     name = str(action["act"])
     written = read_text_only(job.text, job)
     if name in RUNS and "component" in written.said:
@@ -39,7 +39,7 @@ def edited(job: Job, action: Entry) -> Entry:
 
 
 def _unread(text: str, job: Job) -> list[Problem]:
-    """Why a text cannot be read as a diagram; nothing where it can."""
+    """Problems that prevent a text from being read as a diagram; empty if there are none."""
     try:
         read_diagram(text, job)
     except ModelError as error:

@@ -1,4 +1,4 @@
-"""Answers to what a page asks of records: comparisons, records that become experiments, long computations."""
+"""Answers to requests of a page about records: comparisons, records that become experiments, long computations."""
 
 from __future__ import annotations
 
@@ -38,7 +38,9 @@ async def _propose(tab: Tab, message: dict[str, Any]) -> Answer:
 
 
 async def _experiment(tab: Tab, message: dict[str, Any]) -> Answer:
-    """An experiment written beside a diagram, or in the opened folder for a bundled one; nothing that exists is changed."""
+    """Write an experiment for a diagram into its folder, or into the opened folder for a bundled one; existing files are
+    unchanged.
+    """
     model, name = tab.folder.path(str(message["model"])), str(message["name"])
     root = tab.folder.root.resolve()
     beside = root if str(message["model"]).startswith(BUNDLED) else model.parent
@@ -57,7 +59,7 @@ async def _experiment(tab: Tab, message: dict[str, Any]) -> Answer:
 
 
 async def _join(tab: Tab, message: dict[str, Any]) -> Answer:
-    """Further records in the text of an experiment, held out until the user says otherwise."""
+    """Add records to the text of an experiment, held out until the user changes it."""
     path = tab.folder.path(str(message["name"])).parent
     files = [os.path.relpath(tab.folder.record(str(file)), path) for file in message["files"]]
     text, names = await asyncio.to_thread(with_records, str(message["text"]), [Path(f).as_posix() for f in files])
@@ -66,7 +68,7 @@ async def _join(tab: Tab, message: dict[str, Any]) -> Answer:
 
 # -- long computations ---------------------------------------------------------------------------------------------------
 async def _jobs(tab: Tab, message: dict[str, Any]) -> Answer:
-    """How the computations on a document stand; from now on this page is told of them."""
+    """State of the computations on a document; from now on this page receives their progress."""
     return "done", {"jobs": [job.entry() for job in tab.jobs.of(str(message["name"]))]}, None
 
 
@@ -92,14 +94,14 @@ async def _array(tab: Tab, message: dict[str, Any]) -> Answer:
 
 
 async def _add(tab: Tab, message: dict[str, Any]) -> Answer:
-    """What was found, written as a diagram and an experiment that extend the ones before; the experiment's name."""
+    """Write the result as a diagram and an experiment that extend the former ones; returns the experiment's name."""
     given = message.get("given", {})
     if not isinstance(given, dict):
         raise TypeError(given)
     job = tab.jobs.numbered(int(message["number"]))
     files = await job.write(given)
     if not files:
-        raise UsageError([Problem("nothing-found", "nothing was found that could be written")])
+        raise UsageError([Problem("nothing-found", "the computation has no result to write")])
     return "done", {"files": [_name(tab, Path(file)) for file in files], "open": _name(tab, Path(files[-1]))}, None
 
 

@@ -1,4 +1,4 @@
-"""Answers to what a page asks of files: the first page, diagrams opened, made, copied and saved."""
+"""Answers to requests of a page about files: first page; open, create, copy and save diagrams."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ async def _new(tab: Tab, message: dict[str, Any]) -> Answer:
 
 
 async def _copy(tab: Tab, message: dict[str, Any]) -> Answer:
-    """A bundled machine with all its files as a folder of the opened folder."""
+    """Copy a bundled machine with all its files to a folder of the opened folder."""
     from heavebond.estimation.starter_folder import start_folder
 
     name = str(message["name"])

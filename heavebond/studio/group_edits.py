@@ -1,4 +1,4 @@
-"""Edits of several parts at once: moved together, copied with the wires between them."""
+"""Edits of several parts at once: move them together, copy them with the wires between them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from heavebond.text.yaml_edits import Tree, set_entry
 
 
 def move_parts(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """Parts moved together so that `part`, one of them, comes to a place; they keep their distances."""
+    """Move parts together so that `part`, one of them, reaches a place; their distances do not change."""
     grid, names = Grid.read(action), [diagram.own(str(name)) for name in action["parts"]]
     places, lead = _places(grid, names), str(action["part"])
     to = grid.place(float(action["column"]), float(action["row"]))
@@ -25,7 +25,7 @@ def move_parts(diagram: Diagram, job: Job, action: Entry) -> Entry:
     text = diagram.text
     for name, (x, y) in places.items():
         if (there := others.get((x + dx, y + dy))) is not None:
-            raise UsageError([Problem("place-taken", f"'{name}' would stand where '{there}' is")])
+            raise UsageError([Problem("place-taken", f"'{name}' would cover '{there}'")])
         text = set_entry(text, ("components", name, "at"), [f"{x + dx:g}", f"{y + dy:g}", *position(diagram, name)[2:]])
     return {"text": others_stay(text, diagram, job, grid, set(names)), "part": lead, "parts": names}
 
@@ -36,8 +36,7 @@ def _places(grid: Grid, names: Sequence[str]) -> dict[str, tuple[float, float]]:
 
 
 def copy_parts(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """Parts once more below all others, with the wires that join them among themselves; where a formula of one names
-    another, that of the copy names the copy."""
+    """Copy parts below all others, with the wires between them; formulas in a copy refer to the copies."""
     grid, names = Grid.read(action), [diagram.own(str(name)) for name in action["parts"]]
     parts, places, taken = diagram.section("components"), _places(grid, names), set(diagram.taken)
     if plain := [name for name in names if not isinstance(parts[name], dict)]:

@@ -1,5 +1,5 @@
-"""What the long computations of the studio compute: the same calls as those of the commands `fit`, `localize`, `diagnose`,
-`try` and `tune`, their results as the page shows them, and how they are written."""
+"""The long computations of the studio: the functions of the commands `fit`, `localize`, `diagnose`, `try` and `tune`,
+their results for the page, and the files to write."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ from heavebond.studio.evidence import item_entries
 Arrays = dict[str, Any]
 Writing = Callable[[Mapping[str, Any]], list[Path]]
 Done = tuple[Entry, Arrays, Writing | None]
-ALTERNATIVES = 8  # candidates beside the chosen one that can be added in its place
+ALTERNATIVES = 8  # alternatives to the chosen candidate that can be added in its place
 
 
 class Teller(Protocol):
-    """Who a computation tells how far it has come."""
+    """Receiver of the progress of a computation."""
 
     def progress(self, text: str) -> None:
         """The progress callback."""
 
     def tell(self, kind: str, *told: Any) -> None:
-        """Anything else, such as the ladder as it grows."""
+        """Send other data, such as the growing table of models."""
 
 
 def _result(kind: str, items: Sequence[Item], figures: Mapping[str, object], partial: bool, **more: object) -> Entry:
@@ -53,7 +53,7 @@ def _result(kind: str, items: Sequence[Item], figures: Mapping[str, object], par
 
 # -- fit -----------------------------------------------------------------------------------------------------------------
 def fitted(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
-    """As `heavebond fit`; written are the diagram with the fitted values and an experiment on it."""
+    """As `heavebond fit`; the diagram with the fitted values and an experiment on it can be written."""
     found = fit(load_experiment(path), progress=job.progress, partial=True)
     early = found.message == ENDED_EARLY
     items = [*fit_items(found), *([Line("ended early: these are the best values so far", True)] if early else [])]
@@ -62,7 +62,7 @@ def fitted(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
 
 
 def _folder(path: Path, given: Mapping[str, Any]) -> Path:
-    """Where results go: beside the file, for a bundled one into the opened folder."""
+    """Folder for results: the folder of the file, for a bundled one the opened folder."""
     return Path(str(given["folder"])) if given.get("folder") else path.parent
 
 
@@ -80,14 +80,14 @@ def _experiment_on(name: str, path: Path, before: Path, diagram: Path) -> str:
 
 
 def _free_path(path: Path, *others: Path) -> Path:
-    """The path, with the next number where it is taken."""
+    """The path, with the next free number if it exists."""
     names = (path.with_stem(f"{path.stem}_{k}") if k > 1 else path for k in itertools.count(1))
     return next(p for p in names if not os.path.lexists(p) and p not in others)
 
 
 # -- localize ------------------------------------------------------------------------------------------------------------
 def localized(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
-    """As `heavebond localize` (`where`), with what would have to act at each place of the diagram."""
+    """As `heavebond localize`, with the estimated input at each place of the diagram."""
     found = localize(load_experiment(path), progress=job.progress)
     arrays: Arrays = {}
     places = [_place(k, suspect, arrays) for k, suspect in enumerate(found.suspects)]
@@ -114,7 +114,7 @@ def _place(k: int, suspect: PlaceEstimate, arrays: Arrays) -> Entry:
 
 
 def _over(name: str, suspect: PlaceEstimate, formula: str, scale: float, arrays: Arrays) -> Entry:
-    """What acts at a place over one variable: the cloud of its samples, and the curve through it where that is the best."""
+    """The estimated input at a place over one variable: its samples, and the curve through them if that form is the best."""
     curve = suspect.curve
     assert curve is not None
     x = np.concatenate([i.local[formula] for i in suspect.implied.values()])
@@ -133,7 +133,7 @@ def _over(name: str, suspect: PlaceEstimate, formula: str, scale: float, arrays:
 
 
 def _states(found: Localization, arrays: Arrays) -> list[Entry]:
-    """The variables that tell the error of a channel, with the curve of the error over each."""
+    """The variables on which the error of a channel depends, with the curve of the error over each."""
     told = []
     for k, state in enumerate(found.states):
         shown = readable_unit(state.unit, float(np.max(np.abs(state.x)))) if state.unit else ""
@@ -146,7 +146,7 @@ def _states(found: Localization, arrays: Arrays) -> list[Entry]:
 
 # -- diagnose and try ----------------------------------------------------------------------------------------------------
 def diagnosed(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
-    """As `heavebond diagnose`; written are the diagrams and experiments of what was found, when it is added."""
+    """As `heavebond diagnose`; the diagrams and experiments of the selected effects can be written."""
     experiment = load_experiment(path)
     found = diagnose(experiment, steps=int(given.get("steps", 5)), seconds=float(given.get("seconds", 600)),
                      classes=[str(c) for c in given.get("classes", ())], progress=job.progress,
@@ -164,7 +164,7 @@ def diagnosed(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
 
 
 def _write_report(found: Diagnosis, folder: Path) -> Path:
-    """The report that `heavebond diagnose` writes, without the files of what was found."""
+    """Write the report of `heavebond diagnose` without its other files."""
     from heavebond.reports.report import report
 
     target = Targets.beside(found.experiment, folder).report
@@ -173,7 +173,7 @@ def _write_report(found: Diagnosis, folder: Path) -> Path:
 
 
 def tried(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
-    """As `heavebond try`: one effect added by hand."""
+    """As `heavebond try`: add one effect by hand."""
     experiment = load_experiment(path)
     found = attempt(experiment, str(given["component"]), [str(p) for p in given.get("where", ())], progress=job.progress)
     label = f"{found.finding.candidate.kind} {found.finding.candidate.place}"
@@ -183,18 +183,18 @@ def tried(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
 
 
 def rung_entry(rung: Mapping[str, object]) -> Entry:
-    """A row of the ladder, what is not known as null."""
+    """A row of the table of models, with null for unknown values."""
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in rung.items()}
 
 
 def _write_added(experiment: Experiment, findings: Sequence[AddedEffect], folder: Path) -> list[Path]:
-    """The files of findings: each experiment, the last one last."""
+    """Write the files of the effects; returns each experiment, the last one last."""
     return write_findings(experiment, findings, Targets.beside(experiment, folder)) if findings else []
 
 
 # -- tune ----------------------------------------------------------------------------------------------------------------
 def tuned(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
-    """As `heavebond tune`; written is the diagram with the tuned values."""
+    """As `heavebond tune`; the diagram with the tuned values can be written."""
     from heavebond.numerics.dae import assemble
     from heavebond.optimise.objective import Objective
     from heavebond.optimise.robustness import robustness
@@ -226,7 +226,7 @@ def tuned(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
 
 # -- study ---------------------------------------------------------------------------------------------------------------
 def studied(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
-    """As `heavebond study`, which leaves its cases, tables and pictures in a folder of its name."""
+    """As `heavebond study`, which writes its cases, tables and pictures to a folder of its name."""
     from heavebond.reports.study_tables import study_items, write_study
     from heavebond.studies.campaign import run_study
     from heavebond.studies.study import load_study
@@ -234,12 +234,12 @@ def studied(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
 
     folder = _folder(path, given) / path.stem
     result = run_study(load_study(path), folder=folder, progress=job.progress)
-    clear_signal()  # a stop has ended the cases; what is done is told
+    clear_signal()  # a stop has ended the cases; the completed ones are reported
     files = write_study(result, folder)
     pictures = {p.stem: p.read_text(encoding="utf-8") for p in files if p.suffix == ".svg"}
     titles = {file_stem(p.name): p.title or p.name for p in result.study.pictures}
     items = [*study_items(result), *([] if result.complete else [Line(
-        f"stopped with {len(result.outcomes)} of {result.jobs} cases done; run it again to go on", True)])]
+        f"stopped with {len(result.outcomes)} of {result.jobs} cases done; run it again to continue", True)])]
     return _result("study", items, as_dict(result), False, folder=folder.name, files=[p.name for p in files],
                    pictures=[{"title": titles.get(k, k), "svg": svg} for k, svg in pictures.items()]), {}, None
 

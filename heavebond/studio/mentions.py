@@ -14,8 +14,8 @@ WORDS = {"view": ("is", "colour", "label"), "show": ("unit",), "components": ("i
 
 @dataclass(frozen=True)
 class Named:
-    """A name with what it means: `name.member` belongs to the part where the part has that member or no node has its
-    name, else to the node."""
+    """A name and its meaning: `name.member` belongs to the part if the part has that member or no node has the name, else
+    to the node."""
 
     name: str
     members: frozenset[str]
@@ -23,11 +23,13 @@ class Named:
     is_node: bool
 
     def pattern(self) -> re.Pattern[str]:
-        """The name before a dot, and behind neither a dot nor a letter; an index of a repeated part may follow it."""
+        """Pattern of the name before a dot, and after neither a dot nor a letter; an index of a repeated part may follow
+        it.
+        """
         return re.compile(rf"(?<![\w.]){re.escape(self.name)}(?=(?:\[[^\[\]]*\])?\.\w)")
 
     def means(self, raw: str, found: re.Match[str], *, node: bool) -> bool:
-        """Whether a mention in a formula is that of the node, or of the part."""
+        """True if a mention in a formula belongs to the node, or else to the part."""
         if self.is_part and self.is_node:
             member = FIRST.search(raw, found.end())
             return node != (member is not None and member.group(1) in self.members)
@@ -35,19 +37,19 @@ class Named:
 
 
 def _formula(path: tuple[Key, ...], raw: str) -> bool:
-    """Whether names in a scalar are names of the diagram."""
+    """True if names in a scalar are names of the diagram."""
     section = path[0]
     if path[-1] == ":":
         return section in ("nodes", "set", "initial", "show") and len(path) == 3
     if path[-1] in WORDS.get(str(section), ()):
         return False
     if section in ("parameters", "components", "set", "simulate"):
-        return re.sub(r"^[|>][^\n]*\n", "", raw).lstrip().lstrip("'\"").startswith("=")  # also one in a block of text
+        return re.sub(r"^[|>][^\n]*\n", "", raw).lstrip().lstrip("'\"").startswith("=")  # also a formula in a block of text
     return section in ("nodes", "initial", "show", "view", "equations", "stores", "dissipates", "requires")
 
 
 def renamed_mentions(text: str, named: Named, new: str, *, node: bool) -> str:
-    """The text with another name at all mentions of the part, or of the `node`; keys that declare it stay."""
+    """Rename all mentions of the part, or of the `node`; keys that declare it stay."""
     pattern = named.pattern()
 
     def change(path: tuple[Key, ...], raw: str) -> str:
@@ -69,8 +71,8 @@ def renamed_mentions(text: str, named: Named, new: str, *, node: bool) -> str:
 
 
 def deleted_mentions(text: str, named: Named, *, node: bool) -> str:
-    """The text without outputs, initial conditions, settings and shapes that mention the part, or the `node`. Formulas of
-    other parts stay: `check` tells that they mean nothing any more."""
+    """Remove outputs, initial conditions, settings and shapes that mention the part, or the `node`. Formulas of other
+    parts stay, and `check` reports them."""
     said = tree(parse(text).root)
     assert isinstance(said, dict)
     pattern = named.pattern()

@@ -1,4 +1,4 @@
-"""Edits of what a run shows and how it begins and ends: outputs, initial conditions, duration and output interval."""
+"""Edits of the outputs, begin and end of a run: `show:`, initial conditions, duration and output interval."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ STARTS = ("steady", "rest")
 
 
 def show_signal(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """A signal under `show:` with its unit, or no longer; UsageError for an output of the diagram that is extended."""
+    """Add a signal with its unit to `show:`, or remove it; UsageError for an output of the diagram that is extended."""
     signal, unit, back = str(action["signal"]), str(action.get("unit", "")), _selected(action)
     if action["on"]:
         name = free_name(re.sub(r"\W+", "_", signal).strip("_"), diagram.model.show)
@@ -22,13 +22,13 @@ def show_signal(diagram: Diagram, job: Job, action: Entry) -> Entry:
         return {"text": _set(diagram.text, ("show", name), output), **back}
     name = next((n for n, output in diagram.model.show.items() if output.text == signal), "")
     if name not in diagram.section("show"):
-        raise UsageError([Problem("output-inherited", f"'{signal}' is no output of this file", None,
+        raise UsageError([Problem("output-inherited", f"'{signal}' is not an output of this file", None,
                                   "Remove it in the diagram that this one extends." if name else "")])
     return {"text": _without(diagram, "show", name), **back}
 
 
 def initial_value(diagram: Written, job: Job, action: Entry) -> Entry:
-    """The value of a variable at the start, or with nothing none."""
+    """Set the value of a variable at the start; an empty value removes it."""
     signal, value = str(action["signal"]), str(action["value"]).strip()
     if value:
         return {"text": _set(diagram.text, ("initial", signal), value), **_selected(action)}
@@ -36,7 +36,7 @@ def initial_value(diagram: Written, job: Job, action: Entry) -> Entry:
 
 
 def run_setting(diagram: Written, job: Job, action: Entry) -> Entry:
-    """`until` and `every` under `simulate:`, or the kind of start under `initial:`; with nothing, the entry goes."""
+    """Set `until` and `every` under `simulate:`, or the kind of start under `initial:`; an empty value removes the entry."""
     key, value = str(action["key"]), str(action["value"]).strip()
     if key == "start":
         if value and value not in STARTS:
@@ -50,7 +50,7 @@ def run_setting(diagram: Written, job: Job, action: Entry) -> Entry:
 
 
 def _selected(action: Entry) -> Entry:
-    """What was selected before stays so."""
+    """Keep the selection."""
     return {key: str(action[key]) for key in ("part", "node") if action.get(key)}
 
 
@@ -59,7 +59,7 @@ def _set(text: str, keys: tuple[Key, ...], value: Tree) -> str:
 
 
 def _without(diagram: Written, section: str, key: str) -> str:
-    """The text without an entry, and without its section where nothing else stands in it."""
+    """Remove an entry, and its section if it is empty then."""
     entries = diagram.section(section)
     if key not in entries:
         return diagram.text

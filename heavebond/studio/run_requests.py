@@ -1,4 +1,4 @@
-"""Answers to what a page asks of its workers: drawings, runs, signals."""
+"""Answers to requests of a page to its workers: drawings, runs, signals."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 from heavebond.studio.tab import Handler, Tab, times
 from heavebond.studio.workers import LOST, Answer
 
-HANGS = 10.0  # s of a check after which a newer one ends it
-LEFT = 1.5  # s after which one of a diagram that was left is ended for that of another
+HANGS = 10.0  # s of a check after which a newer one replaces it
+LEFT = 1.5  # s after which a check of a closed diagram is replaced by that of another
 
 
 async def _view(tab: Tab, message: dict[str, Any]) -> Answer:
