@@ -62,11 +62,11 @@ from heavebond.text.expression import ExpressionProblem, names
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Smallest lead of all channels, as a share of a sample interval, that suggests a held input as the cause.
+# Smallest lead of all channels, as a share of a sample interval, that indicates a held input.
 _SOONER = 0.15
 # Integration errors far below the noise of a record; tighter tolerances only cost time.
 TOLERANCES = Tolerances(1e-7, 1e-9)
-MANY = 5_000  # samples from which on the compiled program compares
+MANY = 5_000  # samples from which on the compiled integrator is used
 # Deviations of the noise by which the first sample of a state must differ from the start of the model: by chance once in a
 # million records.
 ELSEWHERE = 5.0
@@ -74,16 +74,16 @@ ELSEWHERE = 5.0
 
 @dataclass(frozen=True)
 class Channel:
-    """One measured channel with n samples and the model at these times, both in the unit of the channel. The error
-    measures use the samples selected by `counts` (n,), which excludes dropped outliers and the other part of a record
-    that is held out in part.
+    """One measured channel with n samples and the model at these times, both in the unit of the channel. The error measures
+    use the samples selected by `counts` (n,), which excludes dropped outliers and the other part of a record that is held
+    out in part.
 
-    error: rms of model - measured, same unit; normalised: error / rms of measured about its mean;
-    relative: error / rms of measured; fit: 100 (1 - normalised) %; chi2: mean of (error/noise)**2, 1 where the model
-    is right; white: p value of the Ljung-Box test for uncorrelated residuals; step: resolution of a quantised sensor,
-    else 0; outlier (n,): samples far from their neighbours; astray (n,): other samples whose residual is far from those
-    of their neighbours; late: estimated delay of the channel relative to the model; separable: whether the noise is given,
-    or its estimate separable from the signal.
+    error: rms of model - measured, same unit; normalised: error / rms of measured about its mean; relative: error / rms
+    of measured; fit: 100 (1 - normalised) %; chi2: mean of (error/noise)**2, 1 if the model is right; white: p value of
+    the Ljung-Box test for uncorrelated residuals; step: resolution of a quantised sensor, else 0; outlier (n,): samples
+    far from their neighbours; astray (n,): other samples whose residual is far from the residuals of their neighbours;
+    late: estimated delay of the channel relative to the model; separable: True if the noise is given, or its estimate
+    separable from the signal.
     """
 
     name: str
@@ -121,11 +121,11 @@ class Channel:
 
 @dataclass(frozen=True)
 class RecordComparison:
-    """All channels of one record. `validate` is the held-out part of the record, where the experiment has no validation
-    record, else None; `notes` are remarks on the interpretation of the values; `doubtful` are channels whose unit, sign or
-    time seems to differ from that in the experiment; `starts` are those of the notes that tell of a state which begins
-    elsewhere in the record, `feedback` those on inputs that follow from outputs, `slips` those on units, signs and zeros of
-    channels; `elsewhere` are the channels of which `starts` tell."""
+    """All channels of one record. `validate` is the held-out part of the record if the experiment has no validation
+    record, else None; `notes` are remarks on the interpretation of the values; `doubtful` are channels whose unit,
+    sign or time seems to differ from the experiment. Among the notes, `starts` report states with another start value
+    in the record, `feedback` inputs that depend on outputs, `slips` units, signs and zeros of channels; `elsewhere`
+    are the channels in `starts`."""
 
     name: str
     use: str
@@ -142,8 +142,8 @@ class RecordComparison:
 
     @property
     def normalised(self) -> float:
-        """Root mean square of the channels' normalised errors. Constant channels have no normalised error and are left out;
-        NaN where all channels are constant."""
+        """Root mean square of the channels' normalised errors. Constant channels have no normalised error and are
+        omitted; NaN if all channels are constant."""
         found = [c.normalised for c in self.channels.values() if math.isfinite(c.normalised)]
         return float(np.sqrt(np.mean(np.square(found)))) if found else math.nan
 
@@ -190,7 +190,7 @@ class Comparison:
 
     @property
     def advice(self) -> tuple[str, ...]:
-        """A line for each free parameter whose value is outside its range, and for each channel whose bias is equal on all
+        """A line for each free parameter with a value outside its range, and for each channel whose bias is equal on all
         records."""
         names = [name for name in self.experiment.outputs if not any(name in r.doubtful for r in self.records.values())]
         residuals = {name: [(c.measured - c.model)[~c.outlier] for c in (r.channels[name] for r in self.records.values())]
@@ -206,7 +206,7 @@ class Comparison:
 
 
 def outside_ranges(experiment: Experiment, values: Mapping[str, float]) -> list[str]:
-    """A line for each free parameter whose value (SI) in the diagram is outside the range in which it may move."""
+    """A line for each free parameter whose value (SI) in the diagram is outside its permitted range."""
     lines = []
     for name, free in experiment.free.items():
         value, unit = values.get(name), free.range.unit
@@ -225,10 +225,10 @@ def compare(experiment: ExperimentOrFile, *, parameters: Mapping[str, float | st
             progress: Callable[[str], None] | None = None) -> Comparison:
     """Simulate the diagram of an experiment with the measured inputs and compare it with the records.
 
-    For each channel the residual is measurement minus model; `error` is its rms in the unit of the channel, chi2 the
-    mean of (residual / noise)**2, which is 1 at the noise level. `parameters` overrides values by name, in SI or as text
-    with a unit; `progress` is called with the name of each record. Raises UsageError, ModelError, DataError, StartError
-    or SimulationError with what is wrong.
+    For each channel the residual is measurement minus model; `error` is its rms in the unit of the channel, chi2 the mean
+    of (residual / noise)**2, which is 1 at the noise level. `parameters` overrides values by name, in SI or as text with
+    a unit; `progress` is called with the name of each record. Raises UsageError, ModelError, DataError, StartError or
+    SimulationError.
     """
     experiment = with_noise(load_experiment(experiment))
     problems, kinds = Problems(), set[type[HeavebondError]]()
@@ -251,8 +251,8 @@ def compare(experiment: ExperimentOrFile, *, parameters: Mapping[str, float | st
 
 
 def simulate_over(assembly: Assembly, grid: Array) -> Result:
-    """A run over the samples of a record. IDAS stops at every sample of an input; over many samples the compiled program,
-    which looks inputs up, is ten times as fast. Where it fails, IDAS finds out why."""
+    """Run over the samples of a record. IDAS stops at every sample of an input; for many samples the compiled integrator,
+    which interpolates inputs, is ten times as fast. If it fails, IDAS determines the reason."""
     if len(grid) > MANY and (program := FitSimulator(assembly, times=grid, tolerances=TOLERANCES)).compiled:
         with suppress(SimulationError, StartError):
             return program.run()
@@ -309,7 +309,7 @@ def _states(assembly: Assembly, experiment: Experiment) -> list[str]:
 
 
 def _elsewhere(measured: Measured, states: Sequence[Channel]) -> list[Channel]:
-    """The channels that at the first instant of the record are not what they are in the model."""
+    """The channels whose value at the first instant of the record differs from the model."""
     if measured.time_suspect:
         return []
     return [c for c in states
@@ -335,8 +335,8 @@ def _start_note(channel: Channel, output: Output, steady: bool, result: Result) 
 
 
 def _state_advice(channel: Channel, output: Output, result: Result) -> str:
-    """The initial value of one state with which the formula of an output begins as it was measured; the other states keep
-    their values. The formula itself cannot be given besides the states in it."""
+    """The initial value of one state for which the formula of an output equals the first measurement; the other states
+    keep their values. The formula itself cannot be prescribed in addition to its states."""
     assembly, start = result.assembly, result.start
     unit, x = read_unit(output.shown.unit), assembly.arguments[1]
     slopes = np.array(ca.Function("slopes", [x], [ca.jacobian(assembly.expression(output.shown.expr), x)])(start.x)).ravel()
@@ -354,9 +354,9 @@ def _state_advice(channel: Channel, output: Output, result: Result) -> str:
 
 def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[str, Sequence[str]],
            held_inputs: Sequence[str], adjusted: bool) -> tuple[str, ...]:
-    """What is noticed about a record besides what its values and `slips` tell. Of two hints that exclude each other only the
-    likelier is given: a wrong unit of time explains all that is odd about channels, a wrong unit or sign of a channel its
-    shift in time, an input that is held the shifts of all channels."""
+    """Remarks on a record in addition to its values and `slips`. Of two hints that exclude each other only the more
+    probable is given: a wrong unit of time explains all deviations of channels, a wrong unit or sign of a channel its
+    shift in time, a held input the shifts of all channels."""
     if measured.time_suspect:
         return ()
     held = _held_too_long(channels, held_inputs)
@@ -367,7 +367,7 @@ def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[s
              f"{moments(c.time[c.astray])}; `heavebond fit --robust` lets such samples pull less"
              for c in channels.values() if c.astray.any()]
     notes += [_late_note(c, measured.channels[c.name].output.shift) for c in sure.values()]
-    # where more is wrong, a delay is only one way to look at it
+    # if several errors are present, a delay is only one possible explanation
     other = ", ".join(f"{c.name} {_late_by(c)}" for c in late if c.name not in sure)
     if other:
         more = any(c.late is not None and not c.late.explains(c.noise) for c in late)
@@ -378,7 +378,7 @@ def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[s
 
 
 def _held_too_long(channels: Mapping[str, Channel], inputs: Sequence[str]) -> list[str]:
-    """The note for an input that is held although it changed between samples. A held input acts half a sample interval
+    """The note for an input with `hold` although it changed between samples. A held input acts half a sample interval
     later than an interpolated one, so that all channels lead by a fraction of an interval."""
     late = [c.late for c in channels.values() if c.late is not None]
     if not inputs or not late or not all(lag.noticeable and _SOONER < -lag.seconds / lag.interval < 1 for lag in late):
@@ -414,7 +414,7 @@ def _late_by(channel: Channel) -> str:
 
 
 def assemble_for(experiment: Experiment, record: Record) -> Assembly:
-    """The assembled equations of a record's diagram; ModelError for outputs or free parameters that it does not have."""
+    """Assemble the equations of a record's diagram; ModelError for unknown outputs or free parameters."""
     wanted = {n.text for output in experiment.outputs.values() for n in names(output.shown.expr)}
     wanted |= {name.removeprefix("initial.") for name in experiment.free if name.startswith("initial.")}
     assembly = assemble(experiment.model_for(record), wanted)
@@ -427,9 +427,9 @@ def assemble_for(experiment: Experiment, record: Record) -> Assembly:
 
 
 def driven_by(assembly: Assembly, experiment: Experiment, own: Record, other: Record) -> Assembly | None:
-    """The equations of record `own`, driven by the inputs of record `other`; None where the records differ in more than
-    their measured data (settings, conditions, units or interpolation of inputs), but for numbers that are free for `each`
-    record."""
+    """The equations of record `own`, driven by the inputs of record `other`; None if the records differ in more than
+    their measured data (settings, conditions, units or interpolation of inputs), apart from numbers that are free for
+    `each` record."""
     own_names = {name for name, free in experiment.free.items() if free.each}
     numbers: dict[str, float | str] = {}
     for name in sorted(own_names & {*own.settings, *other.settings}):

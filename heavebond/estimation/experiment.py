@@ -33,12 +33,12 @@ USES = ("fit", "validate", "test")
 EXAMPLES = {"records": "Write for example `records: {monday: {file: monday.csv, use: fit}}`.",
             "outputs": "Write for example `outputs: {crown.x: {column: crown_m, unit: m, noise: 1 mm}}`.",
             "time": "Write for example `time: {column: time_s, unit: s}`."}
-FIXED = "fixed"  # `free: {gas.c: fixed}` takes a parameter out of the list of the experiment before
+FIXED = "fixed"  # `free: {gas.c: fixed}` removes a parameter from the inherited list
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a channel comes from, as far as it is not the record's own file and time."""
+    """File and time column of a channel if they differ from the record's."""
 
     file: Path | None = None
     time_column: str | None = None
@@ -47,7 +47,7 @@ class Origin:
 
 @dataclass(frozen=True)
 class Record:
-    """One measured file: what it is used for, the part of it, and what holds for it alone."""
+    """One measured file: its use, its time range, and its settings."""
 
     name: str
     file: Path
@@ -63,11 +63,11 @@ class Record:
 
 @dataclass(frozen=True)
 class Output:
-    """A measured channel: the formula that it should equal, its column, and the noise (standard deviation, in the
-    channel's unit) where it is given.
+    """A measured channel: the formula that it should equal, its column, and the noise (standard deviation, in the channel's
+    unit) if it is given.
 
-    shift: seconds by which the channel is late, measured(t) = formula(t - shift); drop_outliers: whether outliers are
-    left out of all figures.
+    shift: delay of the channel in seconds, measured(t) = formula(t - shift); drop_outliers: True if outliers are excluded
+    from all figures.
     """
 
     shown: NamedOutput
@@ -81,8 +81,8 @@ class Output:
 
 @dataclass(frozen=True)
 class Free:
-    """A parameter, or `initial.NAME`, that may move within a range when fitting; `each` record has its own value. `given` is
-    its value in the diagram as it was written (SI), where the diagram holds a fitted one."""
+    """A parameter, or `initial.NAME`, with its range in a fit; with `each` every record has a separate value. `given` is
+    its original value in the diagram (SI), if the diagram contains a fitted one."""
 
     name: str
     range: Range
@@ -93,8 +93,8 @@ class Free:
 
 @dataclass(frozen=True, eq=False)
 class InputNoise:
-    """What realisations of the noise of the inputs do to the channels of a record: `errors` (realisations, channels, N) at
-    its `time` (N,) in s, in the unit of each channel."""
+    """Effect of noise realisations of the inputs on the channels of a record: `errors` (realisations, channels, N) at its
+    `time` (N,) in s, in the unit of each channel."""
 
     time: NDArray[np.float64]
     errors: NDArray[np.float64]
@@ -107,8 +107,9 @@ class InputNoise:
 @dataclass(frozen=True)
 class Experiment:
     """A diagram with its records: the columns that are inputs and outputs, and the free parameters with their ranges.
-    `estimated_noise` is that of channels whose noise is not given, over all records (see `estimation.channel_noise`),
-    `input_noise` what the noise of its inputs does to the channels of each record (see `estimation.input_noise`)."""
+
+    `estimated_noise` is the noise of channels without a given one, over all records (see `estimation.channel_noise`),
+    `input_noise` the effect of the noise of its inputs on the channels of each record (see `estimation.input_noise`)."""
 
     name: str
     path: Path
@@ -129,7 +130,7 @@ class Experiment:
 
     @property
     def noise_given(self) -> bool:
-        """Whether the experiment specifies the noise of every output (else it is estimated from the records)."""
+        """True if the experiment specifies the noise of every output (else it is estimated from the records)."""
         return all(output.noise is not None for output in self.outputs.values())
 
     def with_parameters(self, values: Dictionary[str, str]) -> Experiment:
@@ -140,8 +141,8 @@ class Experiment:
             name: replace(record, settings={**record.settings, **given}) for name, record in self.records.items()})
 
     def with_record_values(self, values: Dictionary[str, Dictionary[str, float | str]]) -> Experiment:
-        """The experiment with values of parameters and initial values (`initial.crown.x`) for single records, by the names
-        of these; in SI, or as text."""
+        """The experiment with values of parameters and initial values (`initial.crown.x`) for single records, by their
+        names; in SI, or as text."""
         records = dict(self.records)
         for name, given in values.items():
             model, record = self.model.with_parameters(given), records[name]
@@ -153,8 +154,8 @@ class Experiment:
         return replace(self, records=records)
 
     def model_for(self, record: Record) -> Model:
-        """The model of one record: the diagram with the measured inputs, settings and initial values of that record; a run
-        goes on to its end."""
+        """The model of one record: the diagram with its measured inputs, settings and initial values; a run continues to
+        its end."""
         settings = {**self.model.settings, **record.settings}
         for path, given in self.inputs_for(record).items():
             settings[path] = Setting(path, given, given.place)
@@ -178,12 +179,12 @@ class Experiment:
         return Origin(own.file or common.file or record.file, timed.time_column, timed.time_unit)
 
     def holds_out(self, record: Record) -> bool:
-        """Whether sections of a record are held out of the fit as validation data, as no other record is."""
+        """True if sections of a record are held out of the fit as validation data, because no other record is."""
         return record.use == "fit" and all(r.use == "fit" for r in self.records.values())
 
 
 def with_inputs_moved(experiment: Experiment, to: Dictionary[str, str]) -> Experiment:
-    """The experiment with what drives some inputs driving others instead, by the names of both."""
+    """The experiment with measured inputs redirected to other inputs, by the names of both."""
     def there(inputs: Dictionary[str, FileInput]) -> dict[str, FileInput]:
         return {to.get(name, name): given for name, given in inputs.items()}
 
@@ -192,7 +193,7 @@ def with_inputs_moved(experiment: Experiment, to: Dictionary[str, str]) -> Exper
 
 
 def changed_experiment(experiment: Experiment, change: Change) -> Experiment:
-    """The experiment with the changed diagram, and with its outputs and inputs where the change puts them.
+    """The experiment with the changed diagram, and with its outputs and inputs moved by the change.
 
     A free parameter of a part that is replaced is free no longer if the new part has no parameter of this name.
     """
@@ -220,8 +221,8 @@ ExperimentOrFile: TypeAlias = Experiment | str | Path
 def load_experiment(experiment: ExperimentOrFile) -> Experiment:
     """Load an experiment.
 
-    `experiment` is the path of a file or the name of a bundled one (`passive_rig/friction`); an Experiment is returned as it
-    is. Raises UsageError where there is no such file, ModelError with the lines that are wrong.
+    `experiment` is the path of a file or the name of a bundled one (`passive_rig/friction`); an Experiment is returned
+    unchanged. Raises UsageError if the file does not exist, ModelError with the lines that are wrong.
     """
     return experiment if isinstance(experiment, Experiment) else _load(find(experiment, "experiment", SUFFIXES), ())
 
@@ -313,7 +314,9 @@ class _Reader:
         return [(name, entries.keys[name], item) for name, item in entries.items.items()] if entries else []
 
     def _records(self, node: Node | None, before: Dictionary[str, Record]) -> dict[str, Record]:
-        """The records; one of the extended experiment without a `file` gets further values under `set` and `initial`."""
+        """Read the records; one of the extended experiment without a `file` gets further values under `set` and
+        `initial`.
+        """
         found = {}
         for name, key, item in self._entries(node, "records"):
             entry = reading.mapping(item, f"record '{name}'", self.problems)
@@ -345,7 +348,7 @@ class _Reader:
         return reading.seconds(node, what, self.problems)
 
     def _moves(self, node: Node | None, experiment: Experiment) -> dict[str, str]:
-        """`lag.u: valve.u`: what drove `valve.u` in the experiment before drives `lag.u` now."""
+        """Read `lag.u: valve.u`: the column that was the input `valve.u` of the extended experiment now drives `lag.u`."""
         known = [*experiment.inputs, *(n for r in experiment.records.values() for n in r.inputs)]
         found = {}
         for name, _, item in self._entries(node, "inputs"):
@@ -361,7 +364,7 @@ class _Reader:
         found = {}
         for name, key, item in self._entries(node, "inputs"):
             if isinstance(item, Scalar):
-                continue  # it takes over another one's record
+                continue  # it replaces another input of the record
             entry = reading.mapping(item, f"input '{name}'", self.problems)
             given = reading.file_input(entry, self.source, self.problems, name, file=False) if entry is not None else None
             if given is not None and entry is not None:
@@ -393,9 +396,9 @@ class _Reader:
         return found
 
     def _node_origin(self, name: Name) -> float | None:
-        """1 for a temperature of a node, which has the name that its domain gives it; None for other names.
+        """1 for a temperature of a node, which has the name in its domain; None for other names.
 
-        The formula of an entry of `show` names variables of the machine, also the variable that has the name of the entry.
+        The formula of an entry of `show` names variables of the machine, also the variable with the name of the entry.
         """
         show = self.model.show.get(name.text)
         return self._variable_origin(name) if show is None else origins(show.expr, self._variable_origin)
@@ -407,7 +410,7 @@ class _Reader:
         return 1.0 if any(m.unit.dimension == KELVIN for m in temperatures) else None
 
     def _amended(self, output: Output, item: Mapping) -> Output:
-        """An output of the experiment before that equals another formula now, or is late, or drops its outliers."""
+        """An inherited output with another formula, a delay, or dropped outliers."""
         reading.known_keys(item, ("is", "shift", "outliers"), f"output '{output.shown.name}'", self.problems)
         formula = item.items.get("is")
         if isinstance(formula, Scalar):
@@ -447,7 +450,7 @@ class _Reader:
         try:
             channel = unit(unit_text)
         except UnitProblem:
-            return None  # the channel's unit was complained about
+            return None  # the error in the channel's unit has been reported
         given = getattr(value.expr, "unit", None)
         if (given.dimension if given is not None else ()) != channel.dimension:
             bare = given is None and channel.dimension
@@ -485,7 +488,7 @@ class _Reader:
 
 
 def _check_apart(records: Sequence[Record], problems: Problems) -> None:
-    """A record that checks the fit must not be one that is fitted, under whatever name."""
+    """Check that a validation record is not also fitted under another name."""
     for checking in (r for r in records if r.use != "fit"):
         for fitted in (r for r in records if r.use == "fit" and r.origins == checking.origins):
             if _together(fitted, checking) and _same_file(fitted.file, checking.file):
@@ -495,12 +498,12 @@ def _check_apart(records: Sequence[Record], problems: Problems) -> None:
 
 
 def _together(one: Record, other: Record) -> bool:
-    """Whether the times between `from:` and `to:` overlap."""
+    """True if the times between `from:` and `to:` overlap."""
     begin, end = (max(r.begin if r.begin is not None else -math.inf for r in (one, other)),
                   min(r.end if r.end is not None else math.inf for r in (one, other)))
     return begin < end
 
 
 def _same_file(one: Path, other: Path) -> bool:
-    """Whether two files are one, or one is a copy of the other; what is not there is reported when it is read."""
+    """True if two files are one, or copies of each other; missing files are reported when they are read."""
     return one.is_file() and other.is_file() and (one.resolve() == other.resolve() or cmp(one, other, shallow=False))

@@ -1,24 +1,25 @@
-"""Feedback in a record: whether an input that drives the model follows from what the machine's sensors read.
+"""Test for feedback in a record: whether a measured input depends on the readings of the machine's sensors.
 
-In closed loop the input depends on past outputs, and with them on their noise and on all that the model lacks. A simulation
-that is driven by the measured input then counts these twice: input and residual are correlated, and estimates are biased
-(U. Forssell, L. Ljung, Closed-loop identification revisited, Automatica 35, 1999, doi:10.1016/S0005-1098(99)00022-9).
+In closed loop the input depends on past outputs, and with them on their noise and on all missing physics. A simulation with
+the measured input then counts these twice: input and residual are correlated, and estimates are biased (U. Forssell, L.
+Ljung, Closed-loop identification revisited, Automatica 35, 1999, doi:10.1016/S0005-1098(99)00022-9).
 
-With the innovations v of the input u (what u's own past does not predict) and w of a residual e (what the past of e and u
-does not predict),
+With the innovations v of the input u (unpredictable from its past) and w of a residual e (unpredictable from the past of e
+and u),
 
     z_k = sum v(t) w(t-k) / sqrt(sum (v(t) w(t-k))**2),       k = 1, 2, ...
 
-is standard normal without feedback, whatever the model lacks: w(t-k) is then new to u (a cross-correlation at negative lags
-with prewhitening: L. D. Haugh, 1976, doi:10.1080/01621459.1976.10480353; robust to a few large steps). A controller that
-computes u(t) from the reading at t shows at k = 0, with w what the past alone does not predict. So does an error of the
-model's direct transmission from u(t); it is feedback where w follows v by more than all of the model's own transmission.
-What the residual has in proportion to the model is taken out before: a sensor of other sign, unit or gain is no feedback.
+is standard normal without feedback, for any missing physics: w(t-k) is then independent of u (a cross-correlation at
+negative lags with prewhitening: L. D. Haugh, 1976, doi:10.1080/01621459.1976.10480353; robust to a few large steps). A
+controller that computes u(t) from the reading at t shows at k = 0, with w unpredictable from the past alone. So does an
+error of the model's direct transmission from u(t); it is feedback if w follows v by more than the complete transmission of
+the model. The part of the residual that is proportional to the model is removed before: a sensor of other sign, unit or gain
+is not feedback.
 
-Noise n of a measured input that the machine does not see gives such a correlation too, without feedback: the model responds
-to it, e = -H n, and the past of e then tells more of the true input than the past of the noisy one. So the correlation is
-computed again for a noise of the size that the input has, with the response H of the model (its cross-spectrum with the
-input): where this alone gives as much as half of what is seen, feedback is not shown.
+Noise n of a measured input that does not act on the machine causes such a correlation too, without feedback: the model
+responds to it, e = -H n, and the past of e then contains more information on the true input than the past of the noisy
+one. So the correlation is computed again for noise of the size that the input has, with the response H of the model (its
+cross-spectrum with the input): if this noise alone explains half of the correlation or more, feedback is not reported.
 """
 
 from __future__ import annotations
@@ -33,20 +34,20 @@ from heavebond.estimation.experiment import Experiment, Record
 from heavebond.numerics.dae import Array
 from heavebond.numerics.inputs import input_samples
 
-ORDER = 20  # past samples that predict a signal
+ORDER = 20  # number of past samples that predict a signal
 LAGS = 10
-LEVEL = 1e-4  # of false alarms, over all lags
+LEVEL = 1e-4  # probability of a false alarm, over all lags
 LEAST = 0.05**0.5  # correlation: less than 5 % of the variance of an input's innovations biases little
-SAMPLES = 20_000  # at most, from the beginning
+SAMPLES = 20_000  # samples from the beginning, at most
 SHORTEST = 10 * ORDER
-SMOOTHED = 7  # samples of the cubics that separate the noise of an input from its course
-ALONE = 0.5  # share of a correlation from which on noise of the input explains it
-SEGMENT = 1024  # samples of the segments that spectra are averaged over
+SMOOTHED = 7  # samples of the cubics that separate the noise of an input from its signal
+ALONE = 0.5  # share of a correlation above which noise of the input explains it
+SEGMENT = 1024  # samples of the segments of averaged spectra
 
 
 @dataclass(frozen=True)
 class Feedback:
-    """The largest correlation of innovations of an input with those of a residual `lag` samples before."""
+    """The largest correlation of innovations of an input with innovations of a residual `lag` samples before."""
 
     correlation: float
     lag: int
@@ -60,8 +61,9 @@ class Feedback:
 
 def closed_loops(experiment: Experiment, record: Record, channels: Mapping[str, tuple[Array, Array, Array]],
                  prescribing: Container[str] = ()) -> tuple[str, ...]:
-    """A note for each input of a record that follows from a channel; of these, times, readings and model (n,) each. Inputs
-    `prescribing` a shared variable, such as the position of a shaker, may follow from the reaction of the machine."""
+    """A note for each input of a record that depends on a channel; for channels, times, readings and model (n,) each.
+    Inputs `prescribing` a shared variable, such as the position of a shaker, may depend on the reaction of the
+    machine."""
     notes = []
     for name, given in experiment.inputs_for(record).items():
         time, values = input_samples(replace(given, bridge=True))
@@ -79,8 +81,8 @@ def closed_loops(experiment: Experiment, record: Record, channels: Mapping[str, 
 
 
 def feedback(u: Array, e: Array, model: Array) -> Feedback | None:
-    """The feedback from a residual e (n,) of a channel to an input u (n,) at the same times; None where it is not
-    significant, or where noise of the input alone would look so. `model` (n,) is the channel as simulated."""
+    """The feedback from a residual e (n,) of a channel to an input u (n,) at the same times; None if it is not
+    significant, or if noise of the input alone explains it. `model` (n,) is the simulated channel."""
     from scipy.special import erfcinv
 
     u, e, model = u[:SAMPLES], e[:SAMPLES], model[:SAMPLES]
@@ -116,9 +118,9 @@ def _correlations(u: Array, e: Array, model: Array) -> dict[int, tuple[float, fl
 
 
 def _with_input_noise(u: Array, e: Array, model: Array) -> tuple[Array, Array, Array]:
-    """Input, residual and model of a machine that is driven by the smooth course of the input, and a model that is driven by
-    this with noise of the size that the input has; with white noise beside, so that the innovations of the residual have
-    their size."""
+    """Input, residual and model of a machine that is driven by the smooth part of the input, and a model that is driven
+    by this with noise of the size that the input has; with additional white noise, so that the innovations of the
+    residual have their size."""
     from scipy.signal import csd, savgol_filter, welch
 
     rng = np.random.default_rng(0)
@@ -136,7 +138,7 @@ def _with_input_noise(u: Array, e: Array, model: Array) -> tuple[Array, Array, A
 
 
 def _without(e: Array, model: Array) -> Array:
-    """A residual e (n,) without its part in proportion to the course of the model (n,)."""
+    """Remove the part of a residual e (n,) that is proportional to the model (n,)."""
     course = model - model.mean()
     power = float(course @ course)
     return e - float(e @ course) / power * course if power > 0 else e
@@ -148,7 +150,7 @@ def _past(x: Array) -> Array:
 
 
 def _innovations(x: Array, past: Array) -> Array:
-    """What a linear prediction from the columns of `past` (n, m) leaves of x (n,)."""
+    """Residual of a linear prediction of x (n,) from the columns of `past` (n, m)."""
     columns = np.hstack([past - past.mean(axis=0), np.ones((len(past), 1))])
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     found = np.linalg.lstsq(columns / scale, x, rcond=1e-10)[0]

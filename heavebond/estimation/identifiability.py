@@ -16,11 +16,11 @@ class IdentifiabilityConstants:
     """The constants of the report on identifiability.
 
     max_deviation: standard deviation, of a logarithm or over the range, above which a combination of parameters is not
-        identifiable. Origin: 30 %. Doubled: fewer combinations are named.
-    unknown_deviation: standard deviation of a logarithm above which no value is reported. Origin: a factor of a
-        hundred. Doubled: useless values are reported.
+    identifiable. Origin: 30 %. Doubled: fewer combinations are named.
+    unknown_deviation: standard deviation of a logarithm above which no value is reported. Origin: a factor of a hundred.
+    Doubled: useless values are reported.
     min_share: component of a direction, over its largest, below which it is omitted from the text. Origin: readability.
-        Doubled: shorter texts.
+    Doubled: shorter texts.
     """
 
     max_deviation: float = 0.3
@@ -52,7 +52,7 @@ class Identifiability:
 
     @property
     def unseen_names(self) -> set[str]:
-        """The parameters that take part in directions that the data cannot see."""
+        """The parameters in directions that the data do not determine."""
         shares = [np.abs(direction) for direction in self.unseen]
         return {name for share in shares for name, own in zip(self.names, share, strict=True)
                 if own > IDENTIFIABILITY.min_share * share.max()}

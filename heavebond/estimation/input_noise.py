@@ -1,10 +1,10 @@
-"""Noise of measured inputs: what it does to the channels of a model that is driven by them.
+"""Effect of the noise of measured inputs on the channels of a model that is driven by them.
 
 The machine had the true input u, the model has the measured one, u + w with white noise w (`noise:` at an input). To first
-order the residual then contains G w besides the noise of the channel, G the tangent of the channels to the samples of the
-input. G w is drawn: the model is run with M realisations of w, and the differences to its run without are a sample of the
-distribution of G w. It has its variance at each time, and its correlation along time, also of a nonlinear machine and for
-every interpolation. The variance adds to that of the channel's own noise in all that is weighted by noise; the tests
+order the residual then contains G w in addition to the noise of the channel, with G the tangent of the channels to the
+samples of the input. G w is sampled: the model is run with M realisations of w, and the differences from its run without
+them are a sample of the distribution of G w. The sample gives the variance at each time and the correlation along time, also
+for a nonlinear machine and for every interpolation. The variance is added to the channel's noise in all weights; the tests
 of the residual take the correlation into account (see `diagnosis.evidence.residual_tests`).
 
 This is errors-in-variables identification with known noise, approximated by the tangent at the measured input: T.
@@ -31,15 +31,16 @@ from heavebond.numerics.simulation import run_by_auto
 from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.text.expression import names
 
-REALISATIONS = 40  # a standard deviation drawn from so many errs by 11 %; it is smoothed along time besides
+REALISATIONS = 40  # realisations: their standard deviation has an error of 11 %; it is also smoothed along time
 NOTICEABLE = 0.05  # share of the variance of a channel
-ENOUGH = 20  # of them that can be simulated
+ENOUGH = 20  # least number of realisations that can be simulated
 FINE = Tolerances(1e-6, 1e-8)
 
 
 def with_input_noise(experiment: Experiment, progress: Progress | None = None) -> Experiment:
-    """The experiment with what the noise of its inputs does to its channels, at the values of its diagram; itself where no
-    input has `noise`, or where it is known already. A record on which the model cannot be simulated is left out."""
+    """The experiment with the effect of the noise of its inputs on its channels, at the values of its diagram; the same
+    object if no input has `noise`, or if the effect is known already. A record on which the model cannot be simulated
+    is omitted."""
     if experiment.input_noise or not any(given.noise for record in experiment.records.values()
                                          for given in experiment.inputs_for(record).values()):
         return experiment
@@ -49,13 +50,13 @@ def with_input_noise(experiment: Experiment, progress: Progress | None = None) -
             progress(f"noise of the inputs on {record.name}")
         try:
             found[record.name] = _propagated(experiment, record)
-        except HeavebondError:  # what is wrong is told by the run without it
+        except HeavebondError:  # the run without noise reports the error
             continue
     return replace(experiment, input_noise=found)
 
 
 def noise_notes(experiment: Experiment, measured: Measured) -> list[str]:
-    """How much of the variance of each channel of a record the noise of its inputs is, where it is noticeable."""
+    """Share of the noise of the inputs in the variance of each channel of a record, if it is noticeable."""
     given = any(g.noise for g in experiment.inputs_for(measured.record).values())
     if given and measured.record.name not in experiment.input_noise:
         return ["the noise of the inputs is not taken into account: the model cannot be simulated with it"]

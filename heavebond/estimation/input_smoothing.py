@@ -1,11 +1,11 @@
-"""Noise and steps of measured inputs that a model differentiates, and the smoothing that is proposed for them.
+"""Noise and steps of measured inputs that a model differentiates, and the proposed smoothing.
 
-A measured position that drives a source is differentiated. The derivative of white noise of deviation s, sampled each h,
-has a deviation of about sqrt(2) s/h: a millimetre at 100 Hz is 0.14 m/s. The integrator follows it in small steps, and
-effects that are not there imitate it.
+A measured position that drives a source is differentiated. The derivative of white noise of deviation s, sampled at
+intervals h, has a deviation of about sqrt(2) s/h: a millimetre at 100 Hz is 0.14 m/s. The integrator follows it in small
+steps, and the response is similar to that of effects which the machine does not have.
 
-The bandwidth is twice that of the least estimated error of the smoothed signal (Mallows' C_L): with the gain H of the
-smoothing spline at each frequency, residual r (n,) and noise s,
+The bandwidth is twice the bandwidth with the least estimated error of the smoothed signal (Mallows' C_L): with the gain H of
+the smoothing spline at each frequency, residual r (n,) and noise s,
 
     error = mean(r**2) - s**2 + 2 s**2 mean(H).
 
@@ -37,13 +37,14 @@ class SmoothingConstants:
     """Constants of the proposal.
 
     visible: deviation of the noise of the derivative in shares of the derivative's rms, from which smoothing is proposed.
-        Origin: a velocity that errs by a tenth makes a damper err by a tenth. Doubled: noisier inputs pass without advice.
+    Origin: an error of a tenth in a velocity is an error of a tenth in a damper force. Doubled: noisier inputs are accepted
+    without advice.
     per_octave: bandwidths tried in an octave. Origin: the error is flat near its least value. Doubled: a finer bandwidth.
-    octaves: octaves below half the sampling frequency that are tried. Origin: 1/1000 of it is slower than most records are
-        long. Doubled: slower signals.
-    wider: times the bandwidth of least error. Origin: at the least error the signal loses about as much as the noise leaves.
-        `noise:` accounts for the noise, nothing for a loss, which acts like a gain of the input. At twice the bandwidth the
-        loss is a sixteenth. Doubled: less loss, more noise of the derivative.
+    octaves: octaves below half the sampling frequency that are tried. Origin: periods of 1/1000 of it exceed the length of
+    most records. Doubled: slower signals.
+    wider: factor on the bandwidth of least error. Origin: at the least error the signal loses about as much as the
+    remaining noise. `noise:` accounts for the noise, but not for a loss, which acts like a gain of the input. At twice
+    the bandwidth the loss is a sixteenth. Doubled: less loss, more noise of the derivative.
     """
 
     visible: float = 0.1
@@ -57,8 +58,8 @@ SMOOTHING = SmoothingConstants()
 
 @dataclass(frozen=True)
 class Smoothing:
-    """What is proposed for an input: the bandwidth in Hz, the noise and the step of its readings in its unit (a step of 0:
-    none is visible), and the noise of its derivative in shares of the derivative."""
+    """Proposed smoothing of an input: the bandwidth in Hz, the noise and the resolution of its readings in its unit (a
+    step of 0: not visible), and the noise of its derivative in shares of the derivative."""
 
     bandwidth: float
     noise: float
@@ -66,7 +67,7 @@ class Smoothing:
     share: float
 
     def entry(self, unit: str) -> str:
-        """What to write at the input."""
+        """The entry for the input."""
         return f"smooth: {self.bandwidth:g} Hz, noise: {number(self.noise, 2)} {unit}"
 
 
@@ -84,7 +85,7 @@ def proposed_smoothing(given: FileInput) -> Smoothing | None:
     try:
         time, values = input_samples(replace(given, bridge=True))
     except DataError:
-        return None  # reported where the input is read
+        return None  # reported when the input is read
     step = step_of(values)
     estimate = estimate_noise([(values, time)]).deviation
     noise = max(given.noise or (estimate if math.isfinite(estimate) else 0.0), step / math.sqrt(12))
@@ -128,8 +129,8 @@ def _cause(proposal: Smoothing, unit: str) -> str:
 
 
 def with_smoothed_inputs(experiment: Experiment, assembly: Assembly) -> tuple[Experiment, tuple[str, ...]]:
-    """The experiment with the proposed smoothing of each input that the model differentiates, the same on all records, and a
-    sentence for each; itself and nothing if none is proposed."""
+    """The experiment with the proposed smoothing of each input that the model differentiates, the same on all records,
+    and a sentence for each; the same object and no sentences without proposals."""
     proposals: dict[str, Smoothing] = {}
     names = differentiated_inputs(assembly)
     for record in experiment.records.values():

@@ -1,7 +1,7 @@
-"""An experiment proposed from a record: which column is the time, which drive the diagram, which are its outputs.
+"""An experiment proposed from a record: columns are classified as time, inputs and outputs of the diagram.
 
-Columns are compared with the inputs and signals of a diagram by the words of their names and by their units. A record tells
-no more than these, so a proposal must be looked through before it is used.
+Columns are compared with the inputs and signals of a diagram by the words of their names and by their units. A record
+contains no more information, so the user must check a proposal.
 """
 
 from __future__ import annotations
@@ -25,24 +25,25 @@ from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.records.measurements import BRIDGED, Table, gaps, read_table, timed
 from heavebond.text.expression import Number
 
-# words and letters for a quantity, which say nothing of the place where it was measured
+# words and letters for a quantity, without information on the place of the sensor
 QUANTITIES = frozenset({"pressure", "p", "flow", "q", "force", "f", "torque", "moment", "m", "speed", "velocity", "v", "w",
                         "n", "position", "displacement", "x", "angle", "phi", "temperature", "t", "voltage", "u", "current",
                         "i", "tau"})
 TIMES = frozenset({"t", "time", "times", "zeit", "tid", "temps", "seconds", "sec", "timestamp", "clock", "date", "datetime"})
-SKETCHED = 160  # points of a column in the sketch of its course
-STEPPING, STEP = 0.2, 0.05  # share of samples that differ from the one before, and of the range that a usual step is
-LETTER = 0.1  # what a single letter counts that two names share
-TOLERANCE = 20.0  # %, of a parameter of which nothing else is known
-SHORT = 3  # letters of a word that may stand for a longer one: `pos` for `position`
-_RANGE = re.compile(r"[\w.][\w.+\-*/ %]*")  # needs no quotes
-SMOOTH = frozenset({"m", "rad"})  # measured positions, whose derivatives are used: their course between samples is smooth
+SKETCHED = 160  # points of a column in its sketch
+# share of samples that differ from the one before, and size of a typical step relative to the range
+STEPPING, STEP = 0.2, 0.05
+LETTER = 0.1  # score of a single letter that two names share
+TOLERANCE = 20.0  # %, for a parameter without other information
+SHORT = 3  # least letters of an abbreviated word: `pos` for `position`
+_RANGE = re.compile(r"[\w.][\w.+\-*/ %]*")  # values without quotes
+SMOOTH = frozenset({"m", "rad"})  # measured positions, whose derivatives are used: they are smooth between samples
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a record: its unit as far as the file gives one, what it is proposed to be (`time`, `input`, `output` or
-    nothing), and of which input or signal; least and largest value, the number of values, and a sketch of its course."""
+    """A column of a record: its unit in the file, if there is one, its proposed role (`time`, `input`, `output` or none)
+    and signal; least and largest value, the number of values, and a sketch of its values."""
 
     name: str
     unit: str
@@ -58,8 +59,8 @@ class Column:
 
 @dataclass(frozen=True)
 class Proposal:
-    """What is proposed for a record: its columns, and the inputs, outputs and signals of the diagram that could be meant, by
-    name with their units and meanings."""
+    """The proposal for a record: its columns, and the possible inputs, outputs and signals of the diagram, by name with
+    units and descriptions."""
 
     columns: tuple[Column, ...]
     inputs: Mapping[str, tuple[str, str]]
@@ -69,7 +70,7 @@ class Proposal:
 
 @dataclass(frozen=True)
 class _Target:
-    """An input or an output of the diagram with the words that may stand for it; `driving` where it moves the diagram."""
+    """An input or an output of the diagram with words for it; `driving` if it moves the diagram."""
 
     name: str
     unit: Unit
@@ -80,13 +81,13 @@ class _Target:
 
 
 def propose(table: Table, assembly: Assembly, open_inputs: Sequence[str] = ()) -> Proposal:
-    """What the columns of a record are likely to be for a diagram, in which the `open_inputs` have no value of their own.
-    DataError for a record without a column of times."""
+    """The probable role of the columns of a record for a diagram, in which the `open_inputs` have no value. DataError for
+    a record without a column of times."""
     time = _time_column(table)
     table = timed(table, time)
     inputs, outputs, signals = _inputs(assembly, open_inputs), _outputs(assembly), _signals(assembly)
     units = {name: table.unit_of(name) for name in table.header}
-    # a diagram that names no outputs may be compared by the variables of its own parts and nodes
+    # a diagram without outputs can be compared by the variables of its parts and nodes
     likely = outputs or [t for t in signals if t.name.count(".") == 1]
     able = [n for n in table.header if n in table.columns and n != time]
     chosen = _as_inputs(assembly, inputs, _matched(able, units, [*inputs, *likely], [*outputs, *signals]))
@@ -130,15 +131,15 @@ def _column(table: Table, name: str, unit: tuple[str, Unit, bool] | None, role: 
 
 
 def _in_steps(values: Array) -> bool:
-    """Whether a course stays at its values and steps from one to the next, as a command that is held: most samples repeat
-    the one before, and a usual step is no rounding of a slow course."""
+    """True if a signal stays at values and steps from one to the next, as a held command: most samples repeat the one
+    before, and a typical step is larger than a rounding of a slow signal."""
     steps = np.abs(np.diff(values))
     moved = steps[steps > 0]
     return len(moved) > 0 and len(moved) < STEPPING * len(steps) and float(np.median(moved)) > STEP * float(np.ptp(values))
 
 
 def _sketch(values: Array) -> tuple[float, ...]:
-    """Some points of a course, the least and the largest value of each stretch among them."""
+    """Some points of a time series, with the least and the largest value of each interval."""
     finite = values[np.isfinite(values)]
     if len(finite) <= SKETCHED:
         return tuple(finite.tolist())
@@ -146,10 +147,10 @@ def _sketch(values: Array) -> tuple[float, ...]:
     return tuple(v for a, b in pairwise(ends) for v in (float(finite[a:b].min()), float(finite[a:b].max())))
 
 
-# -- what a column may be ------------------------------------------------------------------------------------------------
+# -- roles of columns -------------------------------------------------------------------------------------------------
 def _time_column(table: Table) -> str:
-    """The column of times: the first that is called so, else the first of clock times, else the first of numbers, whose
-    values increase."""
+    """The column of times: the first with such a name, else the first of clock times, else the first numeric one, with
+    increasing values."""
     able = [name for name in table.header if name in table.columns or name in table.words or name in table.clocks]
     called = [name for name in able if _words(name) & TIMES and (name not in table.columns or _rises(table.columns[name]))]
     rising = [name for name in able if name in table.columns and _rises(table.columns[name])]
@@ -162,7 +163,7 @@ def _time_column(table: Table) -> str:
 
 
 def _is_clock(table: Table, name: str) -> bool:
-    """Whether a column holds dates or times of day that increase, in whatever language it is headed."""
+    """True if a column contains dates or times of day that increase, in any language of the header."""
     if name in table.columns:
         return False
     try:
@@ -177,7 +178,7 @@ def _rises(values: Array) -> bool:
 
 
 def _inputs(assembly: Assembly, open_inputs: Sequence[str]) -> list[_Target]:
-    """Signal inputs that a record can drive; those come first that move the diagram as it stands, or have no value in it."""
+    """Signal inputs that a record can drive; first those that move the diagram now, or have no value in it."""
     expanded, found = assembly.flat.expanded, list[_Target]()
     for leaf in expanded.leaves.values():
         nodes = [path for path, junction in expanded.junctions.items() if any(e.leaf == leaf.path for e in junction.ends)]
@@ -190,7 +191,7 @@ def _inputs(assembly: Assembly, open_inputs: Sequence[str]) -> list[_Target]:
 
 
 def _open_inputs(model: Model) -> list[str]:
-    """The inputs of the diagram's own parts that have neither a value nor a wire."""
+    """The inputs of the diagram's parts that have neither a value nor a wire."""
     joined = {end.path for wire in model.body.wires.values() for end in wire.ends}
     return [path for part, instance in model.body.instances.items() if instance.kind in model.library.files
             for signal in model.library.component(instance.kind).signals.values()
@@ -219,9 +220,9 @@ def _signals(assembly: Assembly) -> list[_Target]:
 
 def _matched(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] | None], targets: Sequence[_Target],
              variables: Sequence[_Target]) -> dict[str, _Target]:
-    """The target of each column: pairs by the words that they share, most first; what drives the diagram before all outputs,
-    as a record without it could not be simulated; then the variable whose place a column names; then what is left where a
-    unit leaves no choice."""
+    """The target of each column: pairs by the number of shared words; inputs that drive the diagram before all outputs,
+    because a record without them could not be simulated; then the variable at a place that a column names; then
+    remaining columns for which the unit leaves one choice."""
     def fits(column: str, target: _Target) -> bool:
         given = units[column]
         return given is None or as_meant(given[1], target.unit).dimension == target.unit.dimension
@@ -246,7 +247,7 @@ def _matched(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] 
 
 def _as_inputs(assembly: Assembly, inputs: Sequence[_Target], chosen: Mapping[str, _Target]) -> dict[str, _Target]:
     """The targets of columns, with the input of a source in place of an output that this source prescribes: the measured
-    speed of a pump is not an output where a SpeedSource turns the shaft of the pump."""
+    speed of a pump is not an output if a SpeedSource turns the shaft of the pump."""
     expanded, found = assembly.flat.expanded, dict(chosen)
     shared = {member for d in expanded.model.library.domains.values() for member in (*d.across, *d.positions)}
     for column, target in chosen.items():
@@ -265,8 +266,8 @@ def _as_inputs(assembly: Assembly, inputs: Sequence[_Target], chosen: Mapping[st
 def _by_place(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] | None], signals: Sequence[_Target]
               ) -> dict[str, _Target]:
     """The variable of a node or port for each column that names its place (`p_B [bar]`, `motor speed [rpm]`): it has the
-    column's unit, and its path holds every word of the column but those for the quantity, which the unit tells. The shortest
-    such path is meant; where several are as short, none is."""
+    column's unit, and its path contains every word of the column except words for the quantity, which follow from the
+    unit. The shortest such path is chosen; none if several are equally short."""
     places = {t: _words(path) for t in signals for path, _, member in [t.name.rpartition(".")] if member in QUANTITIES}
     found: dict[str, _Target] = {}
     for column in columns:
@@ -283,13 +284,13 @@ def _by_place(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool]
 
 
 def _words(text: str) -> set[str]:
-    """The words of a name, small: `deckPos_mm` is deck, pos, mm."""
+    """The words of a name in lower case: `deckPos_mm` gives deck, pos, mm."""
     parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", text)
     return {word for word in re.split(r"[\W_0-9]+", parted.lower()) if word}
 
 
 def _spelt(text: str) -> str:
-    """A name without what parts its words: `p_A` and `pA` are the same."""
+    """A name without separators: `p_A` and `pA` are equal."""
     return re.sub(r"[\W_]+", "", text).lower()
 
 
@@ -299,8 +300,8 @@ def _bare(name: str, unit: tuple[str, Unit, bool] | None) -> str:
 
 
 def _likeness(name: str, unit: tuple[str, Unit, bool] | None, target: _Target) -> float:
-    """How many words two names share; one that begins another counts half, the same name one more. Single letters, which
-    mean something else in every file, count nothing by themselves but decide between names that are alike."""
+    """Number of words that two names share; a word that begins another counts half, the same name one more. Single
+    letters, which differ in meaning between files, count nothing by themselves but decide between similar names."""
     column = _words(name)
     same = sum(1.0 if len(word) > 1 else LETTER for word in column & target.words)
     same += _spelt(_bare(name, unit)) in (_spelt(target.name), _spelt(target.doc))
@@ -311,12 +312,11 @@ def _likeness(name: str, unit: tuple[str, Unit, bool] | None, target: _Target) -
 
 # -- the experiment ------------------------------------------------------------------------------------------------------
 def proposed_text(path: Path, model: Model, files: Sequence[Path]) -> tuple[str, Proposal]:
-    """The text of an experiment at `path` for a diagram and its records, as the first of them proposes it, and the proposal.
-    That record is fitted, the others validate. The numbers of the diagram that may be free stand in the text as comments,
-    and so do columns that were not recognised, with the signals that they may be by their units. A record in which an input
-    has a gap is cut to its longest part without one.
+    """The text of an experiment at `path` for a diagram and its records, proposed from the first of them, and the proposal.
 
-    HeavebondError where no column is a time, or none can be an output.
+    That record is fitted, the others validate. Numbers of the diagram that may be free are written as comments, and so
+    are unrecognised columns, with the possible signals by their units. A record in which an input has a gap is cut to its
+    longest part without one. HeavebondError if no column is a time, or none can be an output.
     """
     open_inputs = _open_inputs(model)
     assembly = assemble(model.with_parameters(dict.fromkeys(open_inputs, 0.0)))
@@ -337,14 +337,14 @@ def proposed_text(path: Path, model: Model, files: Sequence[Path]) -> tuple[str,
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a record, as its file writes the times and their unit, that ends where inputs (`columns`) have a gap."""
+    """A part of a record, with the times and their unit as in the file, that ends at gaps of inputs (`columns`)."""
 
     first: str
     last: str
     columns: tuple[str, ...]
 
     def words(self, file: str) -> str:
-        """What was left out, and what to write in place of it."""
+        """Description of the omitted part, and the entry to use it instead."""
         inputs = listing([f"'{name}'" for name in self.columns])
         have = "has" if len(self.columns) == 1 else "have"
         return f"{inputs} of '{file}' {have} a gap: the record is cut to its longest part without one, " \
@@ -352,8 +352,8 @@ class Part:
 
 
 def _without_gaps(table: Table, chosen: Sequence[Chosen]) -> Part | None:
-    """The longest part of a record in which no input has a gap of more samples than are bridged without a word; None where
-    there is no gap, or where the columns of the record are others."""
+    """The longest part of a record in which no input has a gap that exceeds the limit of silent interpolation; None
+    without a gap, or if the record has other columns."""
     time = next((c for c in chosen if c.role == "time"), None)
     inputs = [c.column for c in chosen if c.role == "input" and c.column in table.columns]
     if time is None or time.column not in table.header:
@@ -361,7 +361,7 @@ def _without_gaps(table: Table, chosen: Sequence[Chosen]) -> Part | None:
     try:
         times = timed(table, time.column).columns[time.column]
     except (DataError, KeyError):
-        return None  # `check` says why
+        return None  # `check` gives the reason
     holes: dict[tuple[float, float], None] = {}
     columns = []
     for name in inputs:
@@ -379,8 +379,8 @@ def _without_gaps(table: Table, chosen: Sequence[Chosen]) -> Part | None:
 
 
 def _unrecognised(found: Proposal) -> list[str]:
-    """A line for each column that was not recognised and whose unit some outputs have, with the first of these that no
-    other column is and the others behind it."""
+    """A line for each unrecognised column with the unit of some outputs, with the first of these that no other column has
+    and the others after it."""
     taken = {c.target for c in found.columns}
     lines = []
     for column in found.columns:
@@ -400,7 +400,7 @@ def _unrecognised(found: Proposal) -> list[str]:
 
 @dataclass(frozen=True)
 class Chosen:
-    """What a column of the records is: `role` time, input or output, `target` the input's name or the output's formula."""
+    """Role of a column of the records: `role` time, input or output, `target` the input's name or the output's formula."""
 
     column: str
     role: str
@@ -411,8 +411,8 @@ class Chosen:
 
 @dataclass(frozen=True)
 class Records:
-    """What an experiment is to say: its diagram, files with their uses, columns and ranges of free parameters, and the parts
-    of files that are cut."""
+    """Content of an experiment: its diagram, files with their uses, columns and ranges of free parameters, and the ranges
+    of cut files."""
 
     model: Path
     files: Mapping[Path, str]
@@ -422,8 +422,8 @@ class Records:
 
 
 def experiment_text(name: str, path: Path, given: Records, unrecognised: Sequence[str] = ()) -> str:
-    """The text of an experiment at `path`, with the lines of outputs that may be meant (`unrecognised`) as comments;
-    HeavebondError where no column is a time or can be an output."""
+    """The text of an experiment at `path`, with possible outputs (`unrecognised`) as comments; HeavebondError if no
+    column is a time or can be an output."""
     time = next((c for c in given.columns if c.role == "time"), None)
     inputs = {c.target: f"{{column: {quoted(c.column)}, unit: {quoted(c.unit)}, interpolation: {c.interpolation}}}"
               for c in given.columns if c.role == "input"}
@@ -447,7 +447,7 @@ def experiment_text(name: str, path: Path, given: Records, unrecognised: Sequenc
 
 
 def _output(chosen: Chosen) -> tuple[str, str]:
-    """An output by its signal; by a name of its own where it is a formula."""
+    """An output by its signal; by a separate name for a formula."""
     rest = f"column: {quoted(chosen.column)}, unit: {quoted(chosen.unit)}"
     if re.fullmatch(r"[\w.\[\]]+", chosen.target):
         return chosen.target, f"{{{rest}}}"
@@ -462,8 +462,8 @@ def _free_name(text: str, taken: Mapping[str, str]) -> str:
 
 
 def range_around(text: str, percent: float) -> str:
-    """The range of a free parameter around the value that the diagram gives it: `4 kN/m +- 20 %`. Of a temperature
-    in degC a share means nothing: `22 degC +- 5 K`."""
+    """The range of a free parameter around the value in the diagram: `4 kN/m +- 20 %`. A share of a temperature in degC
+    has no meaning: `22 degC +- 5 K`."""
     _, unit = parse_quantity(text)
     if unit is not None and unit.offset:
         return f"{text} +- 5 K"

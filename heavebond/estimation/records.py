@@ -1,6 +1,6 @@
 """Sampled channels of a record: their times, and the masks of fitted and held-out samples.
 
-Each channel has its own samples; the model is run once on the union of their times.
+Each channel has separate samples; the model is run once on the union of their times.
 """
 
 from __future__ import annotations
@@ -28,24 +28,25 @@ from heavebond.text.expression import constant
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-# Of a record without a partner the last third checks the fit, after a gap of one correlation time: what is correlated with
-# the fitted part is no check of it. There are at least LEAST samples of each channel on both sides.
+# In a single record the last third is validation data, after a gap of one correlation time, because correlated data cannot
+# validate. There are at least LEAST samples of each channel on both sides.
 KEPT, LEAST = 1 / 3, 10
-SMOOTHED = 10  # samples on either side over which the variance that inputs cause is averaged
-TIME = "\0time"  # the times of a record among the names of its outputs
+SMOOTHED = 10  # samples on either side in the average of the variance that inputs cause
+TIME = "\0time"  # key of a record's times among the names of its outputs
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
     """One channel of a record, n samples.
 
-    time: when they were taken, s; measured: in the channel's unit; index: the place in the run's grid of the time at which
-    the model is asked, time - shift; outlier, held_out: which samples are so; between: those in the gap between what is
-    fitted and what is held out; dropped: those that no figure contains.
-    `noise` is the standard deviation in the channel's unit (where inputs have noise, that of both together, rms over
-    time), `own_noise` that of the channel alone, `deviation` (n,) that of both at each sample; `input_errors`
-    (realisations, n) are realisations of what the noise of the inputs does to it; `step` is that of a sensor that counts,
-    0 for others; `estimate` is the estimate of a noise that is not given.
+    time: sample times, s; measured: in the channel's unit; index: position of the model time, time - shift, in the run's
+    grid; outlier, held_out: masks; between: samples in the gap between the fitted and the held-out part; dropped: samples in
+    no figure.
+
+    `noise` is the standard deviation in the channel's unit (if inputs have noise, of both together, rms over time),
+    `own_noise` the part of the channel alone, `deviation` (n,) the value of both at each sample; `input_errors`
+    (realisations, n) are realisations of the effect of the noise of the inputs; `step` is the resolution of a quantised
+    sensor, 0 for others; `estimate` is the estimate of a noise that is not given.
     """
 
     output: Output
@@ -65,27 +66,26 @@ class Samples:
 
     @property
     def dropped(self) -> Mask:
-        """The gap before what is held out, and outliers where the experiment drops them."""
+        """The gap before the held-out part, and outliers if the experiment drops them."""
         gap = np.zeros(len(self.time), dtype=bool) if self.between is None else self.between
         return gap | self.outlier if self.output.drop_outliers else gap
 
     @property
     def fitted(self) -> Mask:
-        """The samples that count when parameters are fitted."""
+        """The samples that count in a fit."""
         return ~self.dropped & ~self.held_out
 
     @property
     def checking(self) -> Mask:
-        """The samples that check the fit: the last third of a record that has no partner."""
+        """The validation samples: the last third of a record without a validation record."""
         return ~self.dropped & self.held_out
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A record: `grid` (N,) are the times at which its model is wanted, s; `notes` what a reader of figures must know.
-
-    `time_suspect` tells whether its times seem to be in another unit; `declared` are the units of outputs whose file gives
-    another one than the experiment. What else is noticed follows from these then, and is no hint of its own.
+    """A record: `grid` (N,) are the output times of its model, s; `notes` are remarks for a reader of the figures.
+    `time_suspect` is True if its times seem to be in another unit; `declared` are the units of outputs whose file
+    gives another one than the experiment. Other deviations follow from these then, and are not reported separately.
     """
 
     record: Record
@@ -97,8 +97,7 @@ class Measured:
 
     @property
     def deviations(self) -> Array:
-        """The standard deviation (channels, N) of each channel on the grid, in SI; that of its neighbours where it was not
-        sampled."""
+        """The standard deviation (channels, N) of each channel on the grid, in SI; interpolated if it was not sampled."""
         found = []
         for channel in self.channels.values():
             scale = read_unit(channel.output.shown.unit).scale
@@ -106,8 +105,8 @@ class Measured:
         return np.array(found).reshape(len(self.channels), len(self.grid))
 
     def on_grid(self) -> tuple[Array, Mask, Mask]:
-        """The measured values (channels, N) in SI, NaN where a channel was not sampled, which of them are fitted, and which
-        check the fit."""
+        """The measured values (channels, N) in SI, NaN if a channel was not sampled, the mask of fitted samples, and the
+        mask of validation samples."""
         values = np.full((len(self.channels), len(self.grid)), np.nan)
         counts, checking = np.zeros(values.shape, dtype=bool), np.zeros(values.shape, dtype=bool)
         for k, channel in enumerate(self.channels.values()):
@@ -118,10 +117,10 @@ class Measured:
 
 
 def measure(experiment: Experiment, record: Record) -> Measured:
-    """Read a record: every channel from its file, between `from` and `to` and where all inputs are known.
+    """Read a record: every channel from its file, between `from` and `to`, for times at which all inputs are known.
 
-    Raises DataError with all that is wrong: files, columns, times, channels without or with too few samples, gaps in
-    inputs, noise that is not given and cannot be estimated.
+    Raises DataError with all mistakes: files, columns, times, channels without or with too few samples, gaps in inputs,
+    noise that is not given and cannot be estimated.
     """
     problems, files = Problems(), _Files((record.file, experiment.time_column))
     window, sampled = _window(experiment, record, files, problems)
@@ -142,7 +141,7 @@ def measure(experiment: Experiment, record: Record) -> Measured:
             f"at least {MIN_SAMPLES} are needed to compare the two", record.place,
             "Check `from:`, `to:` and the unit of the time; so few samples do not show how a machine moves.")])
     slips, declared = _unit_slips(experiment, record, files)
-    slow = [] if TIME in declared else _time_slip(experiment, record, found)  # what the file itself says is the likelier
+    slow = [] if TIME in declared else _time_slip(experiment, record, found)  # the statement of the file is more probable
     notes = [*slips, *slow, *_driven(experiment, record, files), *_gap_notes(experiment, record, found),
              *(f"{name}: {said}" for name, c in found.items() for said in _remarks(c))]
     if record is next(iter(experiment.records.values())):
@@ -154,7 +153,7 @@ def measure(experiment: Experiment, record: Record) -> Measured:
 
 
 def _with_input_noise(experiment: Experiment, record: Record, k: int, channel: Samples) -> Samples:
-    """The k-th channel of a record with the noise of its inputs beside its own, where that is known."""
+    """The k-th channel of a record with the noise of its inputs added to its noise, if it is known."""
     known = experiment.input_noise.get(record.name)
     own = np.full(len(channel.time), channel.noise)
     if known is None:
@@ -175,15 +174,15 @@ def _smooth(variance: Array) -> Array:
 
 
 class _Files:
-    """The files of a record, each read once for every time column that is asked of it; times of clocks count from the first
-    row of the record's own file (`zero`)."""
+    """The files of a record, each read once for every time column; clock times count from the first row of the record's
+    file (`zero`)."""
 
     def __init__(self, zero: tuple[Path, str]) -> None:
         self._tables: dict[tuple[Path, str], Table] = {}
         self._zero = zero
 
     def table(self, file: Path, time: str, place: Place, unit: str = "s") -> Table:
-        """The file at a place of the experiment; its channels beside the time column, which is asked for in a unit."""
+        """The file at a place of the experiment; its channels and its time column, in a given unit."""
         if (file, time) not in self._tables:
             table = read_table(file, place=place, beside=time)
             self._tables[file, time] = timed(table, time, unit=unit, zero=self._zero, place=place)
@@ -191,8 +190,8 @@ class _Files:
 
 
 def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> tuple[list[str], dict[str, Unit]]:
-    """Where a file gives another unit than the experiment, for the times and each channel, once each; and these units, by
-    output (TIME for times)."""
+    """Contradictions between the units of a file and of the experiment, for the times and each channel, once each; and
+    these units, by output (TIME for times)."""
     asked = [(TIME, record.file, experiment.time_column, experiment.time_column, experiment.time_unit, record.place)]
     for given in experiment.inputs_for(record).values():
         asked.append(("", given.file, given.time_column or "", given.column, given.unit, given.place))
@@ -212,7 +211,7 @@ def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> tuple[
 
 
 def _time_slip(experiment: Experiment, record: Record, found: Mapping[str, Samples]) -> list[str]:
-    """Whether the times seem to be in another unit, by the run and the output points that the diagram plans."""
+    """A note if the times seem to be in another unit, by the planned duration and output interval of the diagram."""
     begin, until, every = (constant(value.expr) if value is not None else None for value in (
         experiment.model.begin, experiment.model.until, experiment.model.every))
     if not until or not every:
@@ -228,7 +227,7 @@ def _time_slip(experiment: Experiment, record: Record, found: Mapping[str, Sampl
 
 
 def _driven(experiment: Experiment, record: Record, files: _Files) -> list[str]:
-    """What is odd about the inputs: none at all, one that never moves, one whose column is a channel too."""
+    """Remarks on the inputs: none at all, a constant one, one whose column is a channel too."""
     inputs = experiment.inputs_for(record)
     if not inputs:
         return ["no column of the record drives the model: it runs with the inputs of the diagram (`inputs:` names columns)"]
@@ -248,14 +247,14 @@ def _driven(experiment: Experiment, record: Record, files: _Files) -> list[str]:
 
 # -- what time is covered ------------------------------------------------------------------------------------------
 def _window(experiment: Experiment, record: Record, files: _Files, problems: Problems) -> tuple[Array, list[Array]]:
-    """The times (n,) of the record's own rows between `from` and `to`, from where to where all inputs are known (the run
-    goes from the first to the last), and the times at which each input was sampled."""
+    """The times (n,) of the record's rows between `from` and `to` at which all inputs are known (the run covers the first
+    to the last), and the sample times of each input."""
     table = _cut(experiment, record, files.table(record.file, experiment.time_column, record.place, experiment.time_unit))
     time = table.columns[experiment.time_column] * read_unit(experiment.time_unit).scale
     time = time[np.isfinite(time)]
     begin, end = float(time[0]), float(time[-1])
     inputs = []
-    unbridged: dict[tuple[Path, str], dict[str, FileInput]] = {}  # of each file, by column
+    unbridged: dict[tuple[Path, str], dict[str, FileInput]] = {}  # for each file, by column
     for path, given in experiment.inputs_for(record).items():
         try:
             assert given.time_column is not None
@@ -269,7 +268,7 @@ def _window(experiment: Experiment, record: Record, files: _Files, problems: Pro
         inputs.append(sampled)
         usual = float(np.median(np.diff(sampled)))
         first, last = float(sampled[0]), float(sampled[-1]) + (usual if given.interpolation == "hold" else 0.0)
-        # an input may begin or end a few of its own samples inside: so much of the record is left out
+        # an input may begin or end a few of its samples later: this part of the record is omitted
         slack = (BRIDGED + 1) * usual
         cut = [f"`{word}: {at:.10g} s`" for word, at, beyond in (
             ("from", first, first - begin > slack), ("to", last, end - last > slack)) if beyond]
@@ -288,7 +287,7 @@ def _window(experiment: Experiment, record: Record, files: _Files, problems: Pro
 
 def _check_input_gaps(files: _Files, file: Path, time: str, columns: Mapping[str, FileInput], ends: tuple[float, float],
                       problems: Problems) -> None:
-    """Gaps in inputs of one file and time column, each told once."""
+    """Gaps in inputs of one file and time column, each reported once."""
     given = next(iter(columns.values()))
     table, scale = files.table(file, time, given.place, given.time_unit), read_unit(given.time_unit).scale
     try:
@@ -299,7 +298,7 @@ def _check_input_gaps(files: _Files, file: Path, time: str, columns: Mapping[str
 
 
 def _cut(experiment: Experiment, record: Record, table: Table) -> Table:
-    """The record's own file between `from` and `to`."""
+    """The record's file between `from` and `to`."""
     time = column(table, experiment.time_column, record.place) * read_unit(experiment.time_unit).scale
     low = -np.inf if record.begin is None else record.begin
     high = np.inf if record.end is None else record.end
@@ -322,7 +321,7 @@ def _channel(experiment: Experiment, record: Record, name: str, files: _Files, w
     column(table, output.column, output.place)
     scale = read_unit(origin.time_unit).scale
     time = column(table, origin.time_column, output.place) * scale
-    # the model is asked at time - shift, which must lie within the run
+    # the model time is time - shift, which must lie within the run
     slack = 1e-6 * float(np.median(np.diff(window)))
     inside = (time - output.shift >= window[0] - slack) & (time - output.shift <= window[-1] + slack)
     inside &= (time >= window[0] - slack) & (time <= window[-1] + slack)
@@ -347,11 +346,11 @@ def _channel(experiment: Experiment, record: Record, name: str, files: _Files, w
 
 
 def _noise(output: Output, y: Array, estimate: float) -> tuple[float, float]:
-    """The noise of a channel, given or else `estimate` (0: unknown), and the step of a sensor that counts where that is not
+    """The noise of a channel, given or else `estimate` (0: unknown), and the resolution of a quantised sensor if it is not
     below the noise.
 
-    Rounding to a step is an error of standard deviation step/sqrt(12), below which no estimate may fall (B. Widrow,
-    I. Kollar, Quantization Noise, Cambridge, 2008). DataError where the noise is not given and cannot be estimated.
+    Rounding to a step is an error of standard deviation step/sqrt(12), which is a lower limit of an estimate (B. Widrow,
+    I. Kollar, Quantization Noise, Cambridge, 2008). DataError if the noise is not given and cannot be estimated.
     """
     step = outliers.step_of(y)
     step = step if step >= (output.noise or estimate) else 0.0
@@ -384,7 +383,7 @@ def _gap_notes(experiment: Experiment, record: Record, found: Mapping[str, Sampl
 
 
 def _remarks(channel: Samples) -> list[str]:
-    """What is noticed about a channel: steps, outliers."""
+    """Remarks on a channel: resolution, outliers."""
     said, t, unit = [], channel.time, channel.output.shown.unit
     if not np.ptp(channel.measured):
         said.append(f"all its {count(len(t), 'sample')} read {readable(float(channel.measured[0]), unit, 3)}: is it the "
@@ -410,8 +409,8 @@ def moments(times: Array) -> str:
 
 # -- times that several channels share -----------------------------------------------------------------------------
 def merged(times: list[Array], known: list[Array]) -> tuple[Array, list[NDArray[np.int64]]]:
-    """The union of increasing times, and where each of them stands in it; times apart by rounding only are one, which is
-    written as in the first of `known` that has it (an integrator must not be asked to stop twice within a rounding)."""
+    """The union of increasing times, and the indices of each in it; times that differ by rounding only are merged into
+    the value of the first of `known` that has it (an integrator must not stop twice within a rounding error)."""
     every = np.concatenate([*known, *times])
     order = np.argsort(every, kind="stable")
     ordered = every[order]
@@ -427,10 +426,10 @@ def merged(times: list[Array], known: list[Array]) -> tuple[Array, list[NDArray[
     return every[first[wanted]], list(np.split(index, np.cumsum([len(t) for t in times])[:-1]))
 
 
-# -- what is held out of a lone record -----------------------------------------------------------------------------------
+# -- held-out part of a single record -----------------------------------------------------------------------------------
 def correlation_time(time: Array, y: Array) -> float:
-    """The lag (s) at which the autocorrelation of readings y (n,) at times (n,) first falls below 1/e, on even times of the
-    usual distance; that of one sample where they are uncorrelated or constant."""
+    """The lag (s) at which the autocorrelation of readings y (n,) at times (n,) first falls below 1/e, on an even grid
+    with the median step; one sample interval if they are uncorrelated or constant."""
     step = float(np.median(np.diff(time)))
     even = np.interp(np.arange(time[0], time[-1] + step / 2, step), time, y)
     below = np.flatnonzero(autocorrelation(even, len(even) - 1) < 1 / math.e)
@@ -439,7 +438,7 @@ def correlation_time(time: Array, y: Array) -> float:
 
 def _with_held_out(channels: Mapping[str, Samples], ends: tuple[float, float]) -> tuple[dict[str, Samples], float]:
     """The channels with the last third held out, and the gap before it (s): the longest correlation time of a channel, at
-    most half of what is held out. Nothing is held out where that would leave hardly a sample of a channel on one side (the
+    most half of the held-out part. No part is held out if hardly a sample of a channel would remain on one side (the
     record is short, or a gap of it fills a side)."""
     begin, end = ends[1] - KEPT * (ends[1] - ends[0]), ends[1]
     gap = min(max(correlation_time(c.time, c.measured) for c in channels.values()), (end - begin) / 2)

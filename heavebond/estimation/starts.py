@@ -1,8 +1,8 @@
-"""The descents of a fit from its starting points: one after the other, or side by side on the workers of a cluster.
+"""The descents of a fit from its starting points: in sequence, or in parallel on the workers of a cluster.
 
-A worker is sent the experiment with each start and keeps the least squares problem that it has made of it. What was done may
-be kept in a file, each descent with a digest of the records, the model (its residuals and derivatives at the first start, to
-the last bit), the start and the method.
+A worker receives the experiment with each start and caches the least squares problem that it builds. Completed descents
+may be stored in a file, each with a digest of the records, the model (its residuals and derivatives at the first start,
+to the last bit), the start and the method.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from heavebond.estimation.multiple_shooting import Shooting
 from heavebond.estimation.residuals import Descent, Residuals
 from heavebond.numerics.dae import Array
 
-AROUND = 16  # points of the ranges at which a fit looks for less than it has found
+AROUND = 16  # points of the ranges at which a fit searches for a smaller sum of squares
 
 
 @dataclass(frozen=True)
 class Starts:
-    """The starting points (m,) of a fit, and how each is followed."""
+    """The starting points (m,) of a fit, and the settings of their descents."""
 
     points: Sequence[Array]
     segments: int = 1
@@ -42,8 +42,8 @@ class Starts:
 
     def descents(self, problem: Residuals, say: Progress, cluster: Cluster | None = None, kept: KeptLines | None = None
                  ) -> list[Descent]:
-        """Where the descents end, in the order of the starts. With `partial` an interrupt ends it with those that are there,
-        the last of them with the message ENDED_EARLY."""
+        """Ends of the descents, in the order of the starts. With `partial` an interrupt returns the completed ones, the
+        last of them with the message ENDED_EARLY."""
         digests = [self._digest(problem, point) for point in self.points] if kept is not None else []
         found: dict[int, Descent] = {}
         for k, digest in enumerate(digests):
@@ -67,9 +67,9 @@ class Starts:
         return self._ended(found) if any(d.message == ENDED_EARLY for d in found.values()) else _in_order(found)
 
     def lower(self, problem: Residuals, runs: Sequence[Descent], seed: int, say: Progress) -> list[Descent]:
-        """The descents, and one more from a point of the ranges at which less is left already than where the best of them
-        ended: that was in another valley (an oscillation that is out of step with the record has several). A run
-        that leaves more ends as soon as it does."""
+        """The descents, and one more from a point of the ranges whose sum of squares is already below the best end: the
+        best was in another local minimum (an oscillation that is out of phase with the record has several). A run ends
+        as soon as it exceeds the best."""
         least, lowest = min(2 * run.cost for run in runs), None
         try:
             for point in problem.starting_points(AROUND + 1, seed)[1:]:
@@ -105,15 +105,15 @@ class Starts:
             yield k, descent, evaluations
 
     def follow(self, problem: Residuals, start: Array, say: Progress) -> tuple[Descent, int]:
-        """The descent from a point, and how often it evaluated the problem."""
+        """The descent from a point, and the number of evaluations of the problem."""
         before = problem.evaluations
         if self.segments > 1:
             start = Shooting(problem, self.segments).solve(start, say)
         return self._descended(problem, start, say), problem.evaluations - before
 
     def _descended(self, problem: Residuals, start: Array, say: Progress) -> Descent:
-        """Least squares from a start. That of long records begins with their beginnings, and goes on from where that ends if
-        it leaves less on the whole of them (from near the optimum it takes half of the runs) until it has settled."""
+        """Least squares from a start. For long records it begins with their beginnings, and continues from that end, if
+        it is better on the whole records (from near the optimum this takes half of the runs), until it has settled."""
         points = sum(len(run.found.grid) for run in problem.runs)
         if points <= EXCERPTS.long:
             return problem.minimise(start, self.robust, say, partial=self.partial)
@@ -156,7 +156,7 @@ def _in_order(found: dict[int, Descent]) -> list[Descent]:
 
 
 def _followed(experiment: bytes, starts: Starts) -> tuple[Descent, int]:
-    """The descent from the only point, in a process that another one has sent everything."""
+    """The descent from one point, in a process that has received all data."""
     return starts.follow(_problem_of(experiment), starts.points[0], lambda text: None)
 
 

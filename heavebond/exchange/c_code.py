@@ -18,8 +18,8 @@ from heavebond.language.model import Model
 from heavebond.numerics.output_times import grid
 from heavebond.numerics.validity import physical_grace
 
-SPARE = 40  # characters of a message besides its text: the time
-LONGEST_NAME = 60  # of what all names begin with; C99 tells 63 characters apart at least
+SPARE = 40  # characters of a message in addition to its text: the time
+LONGEST_NAME = 60  # length of the prefix of all names; C99 distinguishes at least 63 characters
 SOURCES = Path(__file__).parents[1] / "c"
 KEYWORDS = frozenset(re.findall(
     r"\w+", "auto break case char const continue default do double else enum extern float for goto if inline int long main "
@@ -36,14 +36,14 @@ def export_c(model: Model, path: str | Path, inputs: Iterable[str] = ()) -> Port
 
 
 def c_name(text: str) -> str:
-    """A name that C takes."""
+    """A valid name of C."""
     plain = re.sub(r"\W", "_", text, flags=re.ASCII)[:LONGEST_NAME]
     return f"m_{plain}" if not plain[:1].isalpha() or plain in KEYWORDS else plain
 
 
 def c_text(made: Portable, prefix: str, *, whole: bool = False) -> str:
-    """The file; `whole` is for an FMU, with directional derivatives and events but without their integrator. Its functions
-    must have been made with `prefix`_."""
+    """The text of the file; `whole` is for an FMU, with directional derivatives and events but without their integrator.
+    Its functions must have been built with `prefix`_."""
     generator = ca.CodeGenerator(prefix, {"with_header": False, "casadi_int": "int"})
     steps, stops, parts = not whole and bool(made.events), 0, [_source("evaluate.c")]
     functions = [made.equations]
@@ -89,11 +89,11 @@ double MODEL_next_stop(double t, const double *p) {
 """
 
 
-UNUSED = ("arg", "res", "iw", "w", "mem")  # arguments that CasADi gives to every function
+UNUSED = ("arg", "res", "iw", "w", "mem")  # arguments of every function that CasADi generates
 
 
 def _used(code: str) -> str:
-    """Generated functions without warnings of arguments that they do not use."""
+    """Add statements to generated functions that prevent warnings of unused arguments."""
     def add(found: re.Match[str]) -> str:
         names = [argument.split()[-1].strip("*") for argument in found[2].split(",")]
         return found[1] + "".join(f" (void) {name};" for name in names if name in UNUSED)
@@ -102,7 +102,7 @@ def _used(code: str) -> str:
 
 
 def _head(made: Portable, prefix: str, stops: int, steps: bool) -> str:
-    """The comment that says what stands where."""
+    """The comment at the beginning that lists the contents."""
     parts = [
         f"{made.name}: equations in C, written by heavebond {VERSION}", "",
         f"int {prefix}_evaluate(double t, const double *x, double *z, const double *p, const double *u,",
@@ -147,7 +147,7 @@ def _listed(letter: str, quantities: Sequence[Quantity]) -> list[str]:
 
 
 def _arrays(made: Portable, prefix: str) -> list[str]:
-    """Sizes, and values at the start; C knows no array of length 0."""
+    """Sizes, and values at the start; C does not permit arrays of length 0."""
     sizes = {"x": made.states, "z": made.algebraic, "p": made.parameters, "u": made.inputs, "y": made.outputs}
     lines = ["enum { " + ", ".join(f"{prefix}_n_{letter} = {len(found)}" for letter, found in sizes.items()) + " };"]
     values = {f"{letter}_start": [q.start for q in sizes[letter]] for letter in "xzpu"}
@@ -173,7 +173,7 @@ def _limit_arrays(made: Portable, prefix: str) -> list[str]:
 
 
 def _event_arrays(made: Portable, prefix: str) -> list[str]:
-    """Which event each condition belongs to, what happens once or is repeated, and what each reset sets."""
+    """The event of each condition, single and periodic instants, and the targets of resets."""
     resets = [reset for event in made.events for reset in event.resets]
     states = {column: k for k, column in enumerate(made.assembly.reduced.states)}
     conditions = [k for k, event in enumerate(made.events) if event.indicator is not None]
@@ -200,7 +200,7 @@ def _event_arrays(made: Portable, prefix: str) -> list[str]:
 
 
 def _start_arrays(made: Portable, prefix: str) -> list[str]:
-    """The sizes of the conditions of the start, 0 where nothing that can be set changes it; and on what it depends."""
+    """The sizes of the conditions of the start, 0 if no settable value changes it; and the values on which it depends."""
     starting = made.starting
     conditions, _, guesses = (starting.conditions.numel_out(k) for k in range(3))
     counts = (conditions, guesses, len(starting.solved_for), int(starting.square)) if starting.follows else (0, 0, 0, 0)

@@ -31,12 +31,12 @@ from heavebond.language.model import Model
 COMPILERS = ("cc", "gcc", "clang")
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("windows", ".dll")}
 SYSTEMS_2 = {"linux": "linux", "darwin": "darwin", "win32": "win"}
-STAMP = (1980, 1, 1, 0, 0, 0)  # of every file in the archive, so that the same diagram gives the same bytes
+STAMP = (1980, 1, 1, 0, 0, 0)  # time stamp of every file in the archive, so that the same diagram gives the same bytes
 VERSIONS = (2, 3)
 
 
 def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = (), version: int = 3) -> Portable:
-    """Write an FMU of FMI 2.0 or 3.0; UsageError where there is no C compiler, ModelError for a diagram with FMUs."""
+    """Write an FMU of FMI 2.0 or 3.0; UsageError without a C compiler, ModelError for a diagram with FMUs."""
     if version not in VERSIONS:
         raise UsageError([Problem("fmi-version", f"there is no FMI {version}.0 here", None, "Choose 2 or 3.")])
     compiler = find_compiler()
@@ -59,7 +59,7 @@ def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = (), versi
 
 
 def find_compiler() -> str:
-    """The C compiler: that of the environment variable CC, else the first that is there; UsageError where none is."""
+    """The C compiler: from the environment variable CC, else the first that is installed; UsageError without one."""
     named = os.environ.get("CC")
     for name in (named,) if named else COMPILERS:
         found = shutil.which(name)
@@ -92,7 +92,7 @@ def _compiled(compiler: str, source: str, wrappers: dict[str, str], version: int
         folder = Path(name)
         for file, text in {"model.c": source, **wrappers}.items():
             (folder / file).write_text(text, encoding="utf-8")
-        # without contraction products and sums round as they are written
+        # without contraction, so that products and sums are rounded as written
         command = [compiler, "-O2", "-std=c99", "-ffp-contract=off", "-shared", "-fPIC", "-fvisibility=hidden",
                    f"fmi{version}.c", "-o", "model.bin", "-lm"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)

@@ -1,7 +1,7 @@
-"""JSON Schema (draft 7) of the files of the language, for editors that complete and check while one types.
+"""JSON Schema (draft 7) of the files of the language, for completion and checks in editors.
 
-It knows the keys of every kind of file, and of a folder's library the components, their parameters, inputs and units. What
-needs more than one look (wires, formulas, dimensions) is left to `heavebond check`.
+It contains the keys of every kind of file, and for a folder's library the components, their parameters, inputs and units.
+Checks across entries (wires, formulas, dimensions) are left to `heavebond check`.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def view_shape(kind: str) -> Schema:
 
 
 def experiment() -> Schema:
-    """A diagram beside records."""
+    """A diagram with records."""
     own = _object({"file": TEXT, "time": TIME_AXIS})
     record = _object({
         "file": _said("CSV, Parquet or MAT file"), "use": {"enum": list(USES)}, "from": TIME, "to": TIME,
@@ -223,7 +223,7 @@ def _effect(domain: Schema) -> Schema:
 
 # -- parts of them ---------------------------------------------------------------------------------------------------
 def parts() -> dict[str, Schema]:
-    """What several kinds of files share."""
+    """Definitions that several kinds of files share."""
     any_value = {"anyOf": [QUANTITY, *LISTS, {"$ref": "#/definitions/column"}]}
     return {
         "quantity": quantity(), "time": quantity(unit("s"), "a time"), "unit": units(),
@@ -241,13 +241,13 @@ def parts() -> dict[str, Schema]:
 
 
 def instances(known: Library) -> dict[str, Schema]:
-    """`components:` of a diagram or block, and what may be said of a part by what it is."""
+    """`components:` of a diagram or block, and the entries of a part of each kind."""
     found: dict[str, Component] = {}
     for name in known.files:
         try:
             found[name] = known.component(name)
         except ModelError:
-            continue  # what is wrong with it is told where it is used; its name may be completed
+            continue  # a wrong component is reported at its use; its name may be completed
     kinds = list(dict.fromkeys([*known.names(), *found]))
     said = [found[name].summary if name in found else "" for name in kinds]
     by_kind = [{"if": {"required": ["is"], "properties": {"is": {"const": name}}},

@@ -10,7 +10,7 @@ from heavebond.language.definition import Component, Parameter, SignalPort
 from heavebond.language.reading import INTERPOLATIONS
 
 Schema = dict[str, object]
-# units that a declaration in base units may be given in, beside those that are common by themselves
+# accepted units for a declaration in base units, in addition to the common units
 MORE = ("kN/m", "MN/m", "N/mm", "kN*s/m", "N*s/mm", "mm/s", "m/s", "km/h", "m/s**2", "m**2", "cm**2", "mm**2", "m**3",
         "cm**3", "m**3/s", "m**3/h", "L/s", "1/s", "1/min", "N*m", "kN*m", "N*m/rad", "N*m*s/rad", "kg*m**2", "kg/m**3",
         "kg/s", "kg/h", "g/s", "1/Pa", "1/GPa", "L/min/bar", "m**3/(s*Pa)", "J/K", "W/K", "1/m", "s/m")
@@ -26,7 +26,7 @@ TIME_AXIS: Schema = {"type": "object", "additionalProperties": False, "required"
 
 @lru_cache(maxsize=256)
 def written_units(unit: Unit) -> tuple[str, ...]:
-    """Units in which a value may be written where `unit` is declared, its own first."""
+    """Units in which a value may be written if `unit` is declared, the declared one first."""
     found = [unit.text]
     for text in (*COMMON, *MORE):
         other = read_unit(text)
@@ -67,12 +67,12 @@ LISTS: tuple[Schema, ...] = (
 
 
 def listed(declared: Parameter) -> Schema:
-    """The values of a parameter that is a list: one after the other, or a column of a file."""
+    """The values of a list parameter: in sequence, or a column of a file."""
     return {"description": parameter(declared)["description"], "anyOf": [parameter(declared), *LISTS]}
 
 
 def signal(port: SignalPort) -> Schema:
-    """What is given to a signal input in place: a quantity, a formula, or a column of a record."""
+    """The value of a signal input: a quantity, a formula, or a column of a record."""
     said = ", ".join(part for part in (port.doc, f"in {port.unit.text}") if part)
     several = LISTS[:1] if port.count is not None else ()
     return {"description": f"{said}; or joined by a node",
@@ -80,7 +80,7 @@ def signal(port: SignalPort) -> Schema:
 
 
 def column(required: Iterable[str], more: Mapping[str, Schema] | None = None) -> Schema:
-    """A column of a record as an input, with entries that it may have besides."""
+    """A column of a record as an input, with optional entries."""
     return {
         "type": "object", "additionalProperties": False, "required": list(required), "properties": {
         "file": {"type": "string", "description": "CSV, Parquet or MAT file beside this one"},
@@ -96,7 +96,7 @@ def units() -> Schema:
 
 
 def instance_of(component: Component) -> Schema:
-    """The entries of a part that is this component."""
+    """The entries of a part of this kind."""
     lists = {name: p for name, p in component.parameters.items() if p.count is not None}
     given = {name: listed(p) if name in lists else parameter(p) for name, p in component.parameters.items()}
     given |= {name: signal(s) for name, s in component.signals.items() if s.direction == "in"}

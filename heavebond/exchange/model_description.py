@@ -22,7 +22,7 @@ STRUCTURED = re.compile(r"(der\()*[A-Za-z_]\w*(\[[0-9]+\])?(\.[A-Za-z_]\w*(\[[0-
 
 
 def description(made: Portable, identifier: str, token: str, version: int = 3) -> bytes:
-    """The XML that tells what the FMU holds; `version` of the standard is 2 or 3."""
+    """The XML that describes the contents of the FMU; `version` of the standard is 2 or 3."""
     shown = [q for group in (made.states, made.inputs, made.outputs) for q in group]
     structured = all(STRUCTURED.fullmatch(q.name) for q in shown)
     root = Xml.Element("fmiModelDescription", {
@@ -62,7 +62,7 @@ def _rate(state: Quantity) -> tuple[str, Unit]:
 
 
 def unit_name(unit: Unit) -> str:
-    """A unit as FMI tools write it: `m3/(s.Pa)` for `m**3/(s*Pa)`."""
+    """A unit in the notation of FMI: `m3/(s.Pa)` for `m**3/(s*Pa)`."""
     return unit.text.replace("**", "").replace("*", ".")
 
 
@@ -71,7 +71,7 @@ def _units(root: Xml.Element, units: Sequence[Unit]) -> None:
     for name, unit in {unit_name(unit): unit for unit in units}.items():
         entry = Xml.SubElement(definitions, "Unit", {"name": name})
         if any(power.denominator != 1 for _, power in unit.dimension):
-            continue  # FMI counts in whole powers
+            continue  # FMI permits whole powers only
         base = {symbol: str(power.numerator) for symbol, power in unit.dimension}
         if unit.counts == "angle":
             base["rad"] = "1"
@@ -97,7 +97,7 @@ def _conditions(made: Portable) -> list[FlatEvent]:
 
 
 class _Variables3:
-    """Variables and their structure as FMI 3.0 writes them; value references are as `fmu_core.c` counts them."""
+    """Variables and model structure in the format of FMI 3.0; value references are numbered as in `fmu_core.c`."""
 
     def __init__(self, root: Xml.Element):
         self.variables, self.structure = Xml.SubElement(root, "ModelVariables"), Xml.SubElement(root, "ModelStructure")
@@ -113,7 +113,8 @@ class _Variables3:
         names |= {held.name for held in made.held.values()}
         self.add("time", 0, "independent", "continuous", description="time in s")
         first, n_x = 1, len(made.states)
-        solved = list(range(first, first + n_x)) if made.starting.follows else []  # what the initialisation may change
+        # values that the initialisation may change
+        solved = list(range(first, first + n_x)) if made.starting.follows else []
         for k, q in enumerate(made.states):
             self.add(q.name, first + k, "local", "continuous", initial="approx" if solved else "exact", **_told(q),
                      nominal=repr(q.nominal))
@@ -148,8 +149,8 @@ class _Variables3:
         return list(range(first, first + len(found)))
 
     def structured(self, solved: list[int], rates: list[int], outputs: list[int], indicators: list[int]) -> None:
-        """Outputs, derivatives of states, what is unknown at the start (also the states that are solved for), and event
-        indicators, by value references."""
+        """Outputs, derivatives of states, initial unknowns (also the states that are solved for), and event indicators,
+        by value references."""
         for kind, references in (("Output", outputs), ("ContinuousStateDerivative", rates),
                                  ("InitialUnknown", [*solved, *rates, *outputs]), ("EventIndicator", indicators)):
             for reference in references:
@@ -157,7 +158,7 @@ class _Variables3:
 
 
 class _Variables2(_Variables3):
-    """The same as FMI 2.0 writes it: variables are counted from 1 in the order of the file."""
+    """The same in the format of FMI 2.0: variables are numbered from 1 in the order of the file."""
 
     def __init__(self, root: Xml.Element):
         super().__init__(root)
@@ -173,7 +174,7 @@ class _Variables2(_Variables3):
         Xml.SubElement(element, "Real", {k: v for k, v in more.items() if v})
 
     def conditions(self, made: Portable, first: int) -> list[int]:
-        return []  # the indicators are no variables
+        return []  # indicators are not variables
 
     def structured(self, solved: list[int], rates: list[int], outputs: list[int], indicators: list[int]) -> None:
         for kind, references in (("Outputs", outputs), ("Derivatives", rates),
@@ -193,7 +194,7 @@ def _bounds(q: Quantity) -> dict[str, str]:
 
 
 def xml_bytes(root: Xml.Element) -> bytes:
-    """The file, with characters that XML does not take left out of all attributes."""
+    """The bytes of the file, without characters in attributes that XML does not permit."""
     for element in root.iter():
         element.attrib.update({name: xml_text(value) for name, value in element.attrib.items()})
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{Xml.tostring(root, encoding="unicode")}\n'.encode()

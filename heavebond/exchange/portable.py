@@ -1,7 +1,8 @@
 """A diagram as explicit equations for export: x' = f(t, x, z, p, u), 0 = g(t, x, z, p, u), y = h(t, x, z, p, u).
 
-All is in SI but the outputs y, which are those under `show:` in the units given there. The inputs u are the measured signals
-of the diagram and the signals that are taken out of it; where an equation needs it, the rate of an input is an input too.
+All values are in SI except the outputs y, which are the outputs under `show:` in their units. The inputs u are the
+measured signals of the diagram and the signal inputs that are opened; if an equation needs it, the rate of an input is an
+input too.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ from heavebond.numerics.result import signal_expression
 from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquations
 
-AT_ONCE = 1e-6  # s; of the records only the beginning is needed
-DERIVED = ("scale.", "initial.", "history.")  # parameters of a run, not of the machine
+AT_ONCE = 1e-6  # s; only the beginning of the records is needed
+DERIVED = ("scale.", "initial.", "history.")  # these are parameters of a run, not of the machine
 
 
 @dataclass(frozen=True)
@@ -58,10 +59,10 @@ class Quantity:
 
 @dataclass(frozen=True)
 class StartConditions:
-    """The conditions of the start, for values that are set before it: `conditions` is (t, x, z, p, u) -> (residuals, their
-    gradients by rows, the same of the guesses, the guesses of x and z). The unknowns are x, z and the parameters
-    `solved_for`, of the usual `sizes`. `by_parameters` and `by_inputs` tell on which values the start depends; `square`
-    tells whether its conditions determine all unknowns."""
+    """The conditions of the start, for values that are set before it: `conditions` is (t, x, z, p, u) -> (residuals,
+    their gradients by rows, the same of the guesses, the guesses of x and z). The unknowns are x, z and the parameters
+    `solved_for`, of the usual `sizes`. `by_parameters` and `by_inputs` are the values on which the start depends;
+    `square` is True if its conditions determine all unknowns."""
 
     conditions: ca.Function
     solved_for: tuple[int, ...]
@@ -72,21 +73,22 @@ class StartConditions:
 
     @property
     def follows(self) -> bool:
-        """Whether the start depends on anything that can be set."""
+        """True if the start depends on any settable value."""
         return any((*self.by_parameters, *self.by_inputs))
 
 
 @dataclass(frozen=True)
 class Portable:
-    """What is exported; `equations` is (t, x, z, p, u) -> (x', y, g, dg/dz by rows), `directions` (t, x, z, p, u and a
-    direction of each) -> what (x', y, g, indicators) change along it, and `jacobian` (t, x, z, p, u) -> the derivatives of
-    (x', g) by (x, z), by rows, and by t. `parameters` are all of p, of which those in `tunable` are the user's.
+    """The exported equations: `equations` is (t, x, z, p, u) -> (x', y, g, dg/dz by rows), `directions` (t, x, z, p, u and a
+    direction of each) -> the directional derivative of (x', y, g, indicators), and `jacobian` (t, x, z, p, u) -> the
+    derivatives of (x', g) by (x, z), by rows, and by t. `parameters` are all of p, of which those in `tunable` are the
+    user's.
 
-    Of the events, `happenings` is (t, x, z, p, u) -> (indicators of the conditions, what the equations differentiate and
-    events may not make jump, with `sizes`, accelerations of the contacts that may break away), `updates` (t, x, z, p, u, 1
-    for each event that happens) -> new values of all resets (see `numerics.update_order`), and `instants` p -> (first
-    instants, periods). `stops` is p -> the instants at which an integrator stops for functions of time; `limits`
-    (t, x, z, p, u) -> how far the variables `limited` are above their physical limits."""
+    For events, `happenings` is (t, x, z, p, u) -> (indicators of the conditions, quantities that the equations
+    differentiate and that must not jump at events, with `sizes`, accelerations of the contacts that may break away),
+    `updates` (t, x, z, p, u, 1 for each active event) -> new values of all resets (see `numerics.update_order`), and
+    `instants` p -> (first instants, periods). `stops` is p -> the instants at which an integrator stops for functions of
+    time; `limits` (t, x, z, p, u) -> the distance of the variables `limited` from their physical limits."""
 
     assembly: Assembly
     states: tuple[Quantity, ...]
@@ -128,15 +130,15 @@ class Portable:
 
 
 def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, events: bool = False) -> Portable:
-    """The equations of a diagram, started as it says, with the signal inputs `inputs` taken out of it; the names of the
-    functions begin with `prefix`.
+    """The equations of a diagram, started by its initial conditions, with the signal inputs `inputs` opened; the names of
+    the functions begin with `prefix`.
 
-    What drives these in the diagram gives them their values at the start only. Unless `events`, a diagram whose only events
-    are comparisons with the time has none in its equations. Raises UsageError for an input that is not there, ModelError
-    for a diagram with FMUs in it.
+    The sources of these inputs in the diagram give their values at the start only. Unless `events`, a diagram whose only
+    events are comparisons with the time has none in its equations. Raises UsageError for an unknown input, ModelError for
+    a diagram with FMUs.
     """
     wanted = list(dict.fromkeys(inputs))
-    # an export keeps no history, and the program that runs it decides when a run ends
+    # an export keeps no history, and the program that runs it decides the end of a run
     assembly = assemble(replace(model, approximate=True, ends=None))
     sizes = _sizes(assembly)
     assembly, column = _opened(assembly, wanted) if wanted else (assembly, _measured(assembly))
@@ -163,8 +165,8 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
 
 
 def _sizes(assembly: Assembly) -> Mapping[str, float]:
-    """The sizes of unknowns that stay far below their nominal ones in a run of the diagram (see `numerics.sizes`); none if
-    it does not state `until:`, or if the run fails."""
+    """The sizes of unknowns that stay far below their nominal ones in a run of the diagram (see `numerics.sizes`); none
+    without `until:`, or if the run fails."""
     if assembly.model.until is None or foreign_parts(assembly.flat):
         return {}
     try:
@@ -181,7 +183,7 @@ def _measured(assembly: Assembly) -> Array:
 
 
 def _opened(before: Assembly, wanted: list[str]) -> tuple[Assembly, Array]:
-    """The diagram with signal inputs taken out, and the column of inputs at the start as `Assembly` takes it."""
+    """The diagram with opened signal inputs, and the column of inputs at the start in the form for `Assembly`."""
     flat, settings = before.flat, dict(before.model.settings)
     free = [f"{path}.{n}" for path, leaf in flat.expanded.leaves.items()
             for n, s in leaf.component.signals.items() if s.direction == "in"]
@@ -197,7 +199,7 @@ def _opened(before: Assembly, wanted: list[str]) -> tuple[Assembly, Array]:
 
 
 def _column(before: Assembly, after: Assembly) -> Array:
-    """(t, c0..c3 of each input) at the start: the values that the diagram gave the inputs there, and their rates."""
+    """(t, c0..c3 of each input) at the start: the values of the inputs in the diagram, and their rates."""
     measured = _measured(before)
     first = start(before, None, measured)
     column = np.zeros(1 + 4 * len(after.flat.inputs))
@@ -209,7 +211,7 @@ def _column(before: Assembly, after: Assembly) -> Array:
             value = ca.Function("c", list(before.arguments), [course])(first.t, first.x, first.z, first.p, measured, 1.0)
             column[1 + 4 * k + order] = float(value) / factorial(order)
             if z.numel() and ca.which_depends(course, z, 1, False)[0]:
-                break  # its rate follows from a loop; the new input begins at rest
+                break  # its rate depends on a loop; the new input begins at rest
             course = ca.jtimes(course, stack([x, t]), stack([before.ode, rate]))
     return column
 
@@ -263,7 +265,7 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
 
 def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: list[ca.SX], u: ca.SX, label: str
                       ) -> StartConditions:
-    """The conditions of the start in the arguments of an export; a steady start holds the inputs still."""
+    """The conditions of the start in the arguments of an export; a steady start keeps the inputs constant."""
     flat, equations = assembly.flat, StartEquations(assembly)
     t, x, z, p, pieces, rate = assembly.arguments
     whole = equations.conditions if first.in_turn else equations.all

@@ -1,10 +1,11 @@
-"""Instants at which the functions of time in exported equations have kinks or short motions, as formulas of the parameters.
+"""Instants at which the functions of time in exported equations have kinks or fast transitions, as formulas of the
+parameters.
 
-A run of a diagram finds these instants with its parameters (`numerics.forcing`). A program that runs an export has its own
-integrator and changes parameters itself, so that it is given formulas: of each function of time, the zeros of the linear
-expressions that `min`, `max`, `abs`, `sign` and comparisons may switch at, and the zeros and the ends of the steep part of
-linear
-expressions in powers and exponentials. They are superfluous instants where another branch holds, and there nothing happens.
+A run of a diagram determines these instants with its parameters (`numerics.forcing`). A program that runs an export has a
+separate integrator and may change parameters, so it needs formulas: for each function of time, the zeros of the linear
+expressions at which `min`, `max`, `abs`, `sign` and comparisons may switch, and the zeros and the ends of the steep part
+of linear expressions in powers and exponentials. If another branch is active, such an instant is superfluous and has no
+effect.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from heavebond.numerics.forcing import Forcing, switch_arguments
 from heavebond.numerics.output_times import grid
 from heavebond.numerics.time_search import rounding
 
-MOST_INSTANTS = 500  # of an export
-LEVELS = (0.0, -1.0, 1.0, -4.0, 4.0)  # of a linear expression in an exponential or a power
+MOST_INSTANTS = 500  # limit of instants of an export
+LEVELS = (0.0, -1.0, 1.0, -4.0, 4.0)  # values of a linear expression in an exponential or a power
 
 
 def stop_events(assembly: Assembly) -> list[FlatEvent]:
@@ -32,7 +33,7 @@ def stop_events(assembly: Assembly) -> list[FlatEvent]:
     time, p = assembly.arguments[0], assembly.arguments[3]
     roots = _roots(forcing.parts, time)
     known = np.array(ca.Function("known", [p], [stack(roots)])(assembly.p)).ravel()
-    if assembly.model.until is not None:  # what has no formula, with the parameters of the diagram
+    if assembly.model.until is not None:  # instants without a formula, with the parameters of the diagram
         times = forcing.stops(grid(assembly.model, None, None), assembly.p).times
         near = np.abs(times[:, None] - known[None, :]).min(axis=1, initial=np.inf) <= 4 * rounding(times)
         roots += [ca.SX(t) for t in times[~near].tolist()]
@@ -41,7 +42,7 @@ def stop_events(assembly: Assembly) -> list[FlatEvent]:
 
 
 def _roots(parts: list[ca.SX], time: ca.SX) -> list[ca.SX]:
-    """When linear expressions of time inside of functions of time are zero, or at the ends of their steep part."""
+    """Times at which linear expressions in functions of time are zero, or at the ends of their steep part."""
     found: dict[str, ca.SX] = {}
     for expressions, levels in zip(switch_arguments(parts, time)[1:], ((0.0,), LEVELS), strict=True):
         for expression in expressions:

@@ -1,4 +1,4 @@
-"""What the statements of a submodel call and assign, and the placeholder for one that is not translated."""
+"""Called and assigned quantities of a submodel's statements, and the placeholder for a submodel that is not translated."""
 
 from __future__ import annotations
 
@@ -23,13 +23,12 @@ def derivatives(expr: Expr) -> list[Expr]:
 
 
 def has_event(expr: Expr) -> bool:
-    """Whether an expression holds an event."""
     return any(n.lower() in EVENTS for n in calls(expr))
 
 
 def make_placeholder(made: Component, given: Collection[str] = ()) -> None:
     """Constants in place of equations that are not translated: for each output, and for the effort of each port that the
-    submodel gives (`given` are the quantities of ports that it assigns); the flow of other ports is 0."""
+    submodel determines (`given` are the quantities of ports that it assigns); the flow of other ports is 0."""
     made.equations, made.events, made.initial, made.first, made.gives, made.tables = [], {}, {}, {}, {}, {}
     made.requires = []
     made.items = {n: item for n, item in made.items.items() if item.kind not in ("variable", "held")}
@@ -68,7 +67,7 @@ def mentioned(statement: Statement) -> set[str]:
 
 
 def counts(statement: Statement) -> set[str]:
-    """The names on which the number of turns of the loops in a statement depends."""
+    """The names on which the number of iterations of the loops in a statement depends."""
     if isinstance(statement, If):
         return set().union(*map(counts, (*statement.then, *statement.otherwise)))
     if isinstance(statement, For):
@@ -78,7 +77,7 @@ def counts(statement: Statement) -> set[str]:
 
 
 def assigned_again(statements: Iterable[Statement]) -> set[str]:
-    """The quantities that several statements assign, one at least as a whole or in a branch."""
+    """The quantities that several statements assign, at least one of them completely or in a branch."""
     seen: set[str] = set()
     again: set[str] = set()
     for statement in statements:
@@ -92,5 +91,5 @@ def assigned_again(statements: Iterable[Statement]) -> set[str]:
 
 
 def plain(expr: Expr) -> object:
-    """An expression without its lines, to be compared."""
+    """An expression without its lines, for comparisons."""
     return (expr.op, expr.name, expr.value, tuple(plain(e) for e in expr.args))

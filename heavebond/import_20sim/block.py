@@ -25,7 +25,7 @@ Made = "Component | Block"
 
 @dataclass
 class Part:
-    """A part of a block, with what it is, its values, and its place."""
+    """Part of a block, with its component, its values, and its place."""
 
     name: str
     what: Component | Block
@@ -37,7 +37,7 @@ class Part:
 
 @dataclass
 class Block:
-    """A block or diagram: parts, nodes, ports, and equations between its own ports."""
+    """A block or diagram: parts, nodes, ports, and equations between its ports."""
 
     name: str
     summary: str
@@ -50,7 +50,7 @@ class Block:
     line: int = 0
 
     def is_bond(self, end: str) -> bool:
-        """Whether an end of a node, `part.port` or an own port, is that of a bond."""
+        """True if an end of a node, `part.port` or a port of the block, belongs to a bond."""
         name, _, port = end.partition(".")
         part = next((p for p in self.parts.values() if p.name == name), None)
         items = part.what.items if part and port else self.items
@@ -58,7 +58,7 @@ class Block:
 
 
 def title(submodel: Submodel, library: frozenset[str] = frozenset()) -> str:
-    """The name of the component for a submodel: its type, or its own name where the type says nothing or is taken."""
+    """The name of the component for a submodel: its type, or its name if the type is general or taken."""
     kind = camel(submodel.type)
     name = camel(submodel.name) if kind in GENERIC or kind in library or not submodel.type else kind
     return f"Own{name}" if name in library else name
@@ -84,8 +84,8 @@ def _unused(base: str, taken: Collection[str]) -> str:
 
 
 def _known_values(made: Component, builder: Builder, values: Mapping[str, float]) -> dict[str, float]:
-    """The values that are known before the run: numbers, parameters, given ones, and what the initial equations and the
-    equations compute of these."""
+    """The values that are known before the run: numbers, parameters, given ones, and results of the initial equations and
+    the equations with these."""
     known = {**values, **{i.name: i.value for i in made.of_kind("parameter") if i.value is not None}, **builder.numbers}
     formulas = {**{left.name: right for left, right, _ in made.equations if left.op == "name"}, **builder.start}
     found = True
@@ -104,16 +104,16 @@ class Translator:
         self.emx, self.comments, self.library, self.sampling = emx, comments, library, sampling
         self.components: list[tuple[str, Component]] = []  # by dotted path of the new diagram
         self.blocks: list[tuple[str, Block]] = []
-        self.scopes: list[dict[str, str]] = []  # global relations of the submodels around: name to name in the diagram
+        self.scopes: list[dict[str, str]] = []  # global relations of the enclosing submodels: name to name in the diagram
         self.values: dict[str, tuple[float, str]] = {}  # of global parameters by their name in the diagram, with their unit
-        self.computed: dict[str, float] = {}  # of other global quantities that are known before the run
+        self.computed: dict[str, float] = {}  # values of other global quantities that are known before the run
         self.constants: dict[str, float] = {}  # global constants
-        self.texts: dict[str, str] = {}  # of global parameters that are texts, such as names of files
-        self.notes: list[tuple[str, int, str]] = []  # of global relations that compute nothing: path, line, reason
+        self.texts: dict[str, str] = {}  # text values of global parameters, such as names of files
+        self.notes: list[tuple[str, int, str]] = []  # global relations that have no results: path, line, reason
         self.pending: list[tuple[Component, str, Builder]] = []  # without initial values; with the prefix of their names
 
     def enter_texts(self, submodel: Submodel) -> None:
-        """Enter the global texts of a submodel and of those within it; the experiment may state others."""
+        """Enter the global texts of a submodel and of those within it; the experiment may give others."""
         for own in (submodel.relations, submodel.equations):
             for item in (*own.constants, *own.parameters, *own.variables) if own is not None else ():
                 if item.kind == "string" and item.is_global and item.value is not None:
@@ -141,7 +141,7 @@ class Translator:
         return {**known, **{label: known[name] for scope in self.scopes for label, name in scope.items() if name in known}}
 
     def _relations(self, submodel: Submodel, old: str, new: str) -> Component | None:
-        """Enter the global relations of a submodel; those that compute something are a component."""
+        """Enter the global relations of a submodel; relations with results become a component."""
         self.scopes.append({})
         relations = submodel.relations
         if relations is None:
@@ -158,7 +158,7 @@ class Translator:
         made.line, made.name = submodel.line, f"{title(submodel)}Globals" if new else "Globals"
         self._experiment(made, old, builder)
         prefix = f"{new.replace('.', '_')}_" if new else ""
-        # `global` without a value is that of a submodel around, or one that another submodel gives
+        # `global` without a value belongs to an enclosing submodel, or to another submodel that assigns it
         self.scopes[-1] = {label: f"{prefix}{label}" for label in (*made.shared.values(), *made.gives.values())
                            if not (outer and re.fullmatch(f"({outer})(_[0-9]+)*", identifier(label)))}
         made.shared = {own: self.scoped(label) for own, label in made.shared.items()}
@@ -212,8 +212,8 @@ class Translator:
         return made
 
     def _show_samples(self, made: Component, memory: Memory, prefix: str, sampled: Collection[str] | None) -> None:
-        """Plotted variables of a discrete submodel keep their values between the samples; `sampled` are those that do in one
-        with continuous parts."""
+        """Plotted variables of a discrete submodel keep their values between the samples; `sampled` are the names of such
+        variables in one with continuous parts."""
         for plotted in (label for name in self.emx.plotted for label in labels(name)):
             name = plotted[len(prefix):]
             item = made.items.get(name) if plotted.startswith(prefix) and (sampled is None or name in sampled) else None
@@ -221,7 +221,7 @@ class Translator:
                 made.shown[name] = memory.at_samples(f.name(name))
 
     def finish(self) -> None:
-        """Set the initial values, when all global quantities are known that are known before the run."""
+        """Set the initial values, after all global quantities that are known before the run have been determined."""
         for _, made in self.components:
             self.computed.update({label: value for own, label in made.shared.items() if label not in self.computed
                                   and (value := made.items[own].value) is not None})
@@ -236,13 +236,13 @@ class Translator:
             self._initial_values(made, prefix, builder)
 
     def _of_globals(self, made: Component) -> dict[str, float]:
-        """The known values of the global quantities that a component needs, by its own names."""
+        """The known values of the global quantities that a component needs, by its local names."""
         known = {**self.computed, **{name: value for name, (value, _) in self.values.items()}}
         return {own: known[label] for own, label in made.shared.items() if label in known}
 
     def _experiment(self, made: Component, old: str, builder: Builder) -> None:
-        """Values of the experiment. 20-sim writes 0 for parameters of global relations that it has not compiled, which is no
-        value: theirs is that of the text."""
+        """Values of the experiment. 20-sim writes 0 for parameters of global relations that it has not compiled; then the
+        value in the text is used."""
         prefix = f"{old}\\" if old else ""
         relations = builder.submodel.name == GLOBALS
         for item in made.of_kind("parameter"):
@@ -257,7 +257,7 @@ class Translator:
         self.pending.append((made, prefix, builder))
 
     def _initial_values(self, made: Component, prefix: str, builder: Builder) -> None:
-        """Initial values of the experiment, or as the equations state them; a parameter without a value is 0."""
+        """Initial values from the experiment, or from the equations; a parameter without a value is 0."""
         values = dict.fromkeys((item.name for item in made.of_kind("parameter")), 0.0) | self._of_globals(made)
         known = _known_values(made, builder, values)
         for held, first in made.first.items():
@@ -398,7 +398,7 @@ class Translator:
         made.nodes[_unused(f"{first.name}_{element}", taken)] = ends
 
     def _free(self, made: Block, part: Part) -> None:
-        """Power ports on no connection are free ends; inputs on none are 0, as in 20-sim."""
+        """Power ports without a connection are free ends; inputs without one are 0, as in 20-sim."""
         joined = {end for ends in made.nodes.values() for end in ends}
         for item in part.what.items.values():
             if f"{part.name}.{item.name}" in joined:
@@ -406,7 +406,7 @@ class Translator:
             if item.kind == "bond":
                 taken = {*made.items, *(p.name for p in made.parts.values()), *made.nodes}
                 made.nodes[_unused(f"{part.name}_{item.name}", taken)] = [f"{part.name}.{item.name}"]
-                if isinstance(part.what, Component) and part.what.untranslated:  # nothing flows: its effort is 0
+                if isinstance(part.what, Component) and part.what.untranslated:  # no flow: its effort is 0
                     part.what.equations = [(Expr(left.op, left.args, f"{item.name}.e"), right, comment)
                                            if left.name == f"{item.name}.f" else (left, right, comment)
                                            for left, right, comment in part.what.equations]
@@ -415,7 +415,7 @@ class Translator:
 
 
 def _alias(part: Submodel, ends: list[tuple[str, str, str]]) -> bool:
-    """Whether a knot is nothing but a node: a splitter, or a 0-junction whose effort no signal takes."""
+    """True if a knot is only a node: a splitter, or a 0-junction whose effort no signal takes."""
     if not part.knot or part.equations is None:
         return False
     lines = part.equations.equations

@@ -50,16 +50,17 @@ from heavebond.import_20sim.passed_conditions import moves, passed
 from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, Statement, Submodel
 from heavebond.import_20sim.splitting import read_held, share_repeated, split_deep
 
-NO_EFFECT = {"warning", "stopsimulation", "effortincausality", "flowincausality", "seed"}  # on the solution of the equations
+# functions of the solution of the equations
+NO_EFFECT = {"warning", "stopsimulation", "effortincausality", "flowincausality", "seed"}
 
 AT_EVERY_STEP = "'{}' follows from its own value at the integration step before, and so depends on the method"
 
 
 class Builder(Execution):
-    """The component of one submodel; `comments` by line, `ends` the connections of a knot's ports (name, direction), `known`
-    the values of global quantities, `discrete` whether its statements act at samples, `held` its inputs that come from
-    discrete submodels, `plotted` its quantities that the experiment plots, `stated` the values of the experiment by name,
-    `sampled` its quantities that change at samples only beside continuous ones."""
+    """The component of one submodel; `comments` by line, `ends` the connections of a knot's ports (name, direction),
+    `known` the values of global quantities, `discrete` True if its statements act at samples, `held` its inputs from
+    discrete submodels, `plotted` its plotted quantities, `stated` the values of the experiment by name, `sampled` its
+    quantities that change at samples only, in addition to continuous ones."""
 
     def __init__(self, submodel: Submodel, comments: Mapping[int, str], ends: Iterable[tuple[str, str, str]] = (),
                  known: Mapping[str, float] = MappingProxyType({}), texts: Mapping[str, str] = MappingProxyType({}),
@@ -81,13 +82,13 @@ class Builder(Execution):
         self.evaluate.table, self.evaluate.external = outside.table, outside.function
         self.labels: dict[str, str] = {}  # the quantities by the names of their elements
         self.triggers: Env = {}  # variables that are events
-        self.start: Env = {}  # what the initial equations assign
-        self.assigned: Env = {}  # what the statements assign whose results are written now
-        self.followed: list[Kept] = []  # branches whose last value is kept
-        self.momentary: Env = {}  # of these, what branches assign that end themselves
+        self.start: Env = {}  # assignments of the initial equations
+        self.assigned: Env = {}  # assignments of the statements whose results are being written
+        self.followed: list[Kept] = []  # branches whose last value is stored
+        self.momentary: Env = {}  # assignments, among these, of branches that end themselves
 
     def build(self) -> Component:
-        """The component; what cannot be translated is listed in it."""
+        """The component; it lists constructs that cannot be translated."""
         made = self.made
         made.line = self.submodel.line
         made.untranslated += [*self.submodel.problems, *self.source.problems]
@@ -114,7 +115,7 @@ class Builder(Execution):
         return made
 
     def _hold_inputs(self) -> None:
-        """What comes from a discrete submodel keeps its value between the samples."""
+        """Inputs from a discrete submodel keep their values between the samples."""
         for port in self.held_inputs:
             for label in [name for name, _ in self.symbols.many.get(port, [(identifier(port), True)])]:
                 given = self.symbols.names.get(label) or self.symbols.names.get(port, [])
@@ -147,15 +148,15 @@ class Builder(Execution):
         self._unwritten(start, written)
 
     def _anywhere(self, statement: Statement) -> bool:
-        """Whether a statement assigns an element whose index the run decides."""
+        """True if a statement assigns an element whose index is determined during the run."""
         try:
             return isinstance(statement, Assign) and bool(self.evaluate.places(statement.left, statement.right))
         except Unreadable:
             return False
 
     def _simultaneous(self) -> set[str]:
-        """The quantities on the left side of several equations that hold at the same time: there are as many equations as
-        unknowns only if each of them counts. 20-sim solves one of them for another quantity."""
+        """The quantities on the left side of several simultaneous equations: the numbers of equations and unknowns are
+        equal only if each of them counts. 20-sim solves one of them for another quantity."""
         plain = [s for s in self.source.equations if isinstance(s, Assign)]
         left = [s.left.name for s in plain if s.left.op == "name"]
         others = [s for s in (*self.source.equations, *self.source.code) if not (isinstance(s, Assign) and s in plain)]
@@ -174,17 +175,17 @@ class Builder(Execution):
         return again if given == unknown + len(self.made.of_kind("bond")) else set()
 
     def _code(self) -> Env:
-        """What the statements of `code` assign."""
+        """Assignments of the statements of `code`."""
         env: Env = dict(self.triggers)
-        if self.discrete:  # what is read before it is assigned is that of the last sample
+        if self.discrete:  # a quantity that is read before its assignment has the value of the last sample
             written = [base for s in self.source.code for base in assigned(s)]
             elements = [e for base in written for row in self.symbols.names.get(base, []) for e in row]
             env |= {e.name: Expr("prev", name=e.name) for e in elements if e.name in self.made.items}
         return self._in_turn(self.source.code, env, set())
 
     def _in_turn(self, statements: list[Statement], env: Env, elsewhere: set[str]) -> Env:
-        """What statements assign that are executed one after the other. After its last assignment, a variable stands for its
-        value: an equation of its own, as it was written; not so variables that are assigned elsewhere too."""
+        """Assignments of statements that are executed in sequence. After its last assignment, a variable represents its
+        value in an equation as written, unless it is assigned elsewhere too."""
         final: Env = {}
         later: list[set[str]] = [elsewhere]
         for statement in reversed(statements):
@@ -204,7 +205,7 @@ class Builder(Execution):
         return {**env, **final}
 
     def _states_begin(self, start: Env) -> None:
-        """The initial values of states for which `int` and `ddt` have none: what the initial equations assign, or 0."""
+        """The initial values of states for which `int` and `ddt` have none: from the initial equations, or 0."""
         given = {label for s in (*self.source.equations, *self.source.code) for label in assigned(s)}
         for name, first in self.memory.begun.items():
             item = self.made.items.get(name)
@@ -224,12 +225,12 @@ class Builder(Execution):
             | {n for event in self.made.events.values() for v in event.then.values() for n in names(v)}
 
     def _unwritten(self, start: Env, written: set[str]) -> None:
-        """Variables that are set once, that another submodel computes, or that nothing uses."""
+        """Variables that are set once, that another submodel computes, or that are not used."""
         used = self._used() | set(self.made.gives)
         once = {name: value for name, value in start.items() if (item := self.made.items.get(name)) is not None
                 and name not in written and item.kind in ("variable", "out")}
         reached = [name for name in once if name in used or self.made.items[name].kind == "out"]
-        for name in reached:  # they may use others
+        for name in reached:  # these may depend on others
             reached += [n for n in dict.fromkeys(names(once[name])) if n in once and n not in reached]
         for name in (n for n in once if n in reached):
             *before, beside = self.comment(self.labels.get(name, name)).split("\n")
@@ -247,7 +248,7 @@ class Builder(Execution):
         self._undetermined()
 
     def _undetermined(self) -> None:
-        """Variables that no equation assigns are 0, as in 20-sim, where there are fewer equations than unknowns."""
+        """Set variables that no equation assigns to 0, as in 20-sim, if there are fewer equations than unknowns."""
         if self.made.untranslated:
             return
         unknown = self.made.of_kind("variable", "out", "bond")
@@ -259,7 +260,7 @@ class Builder(Execution):
             self.memory.note(self.submodel.line, f"no equation assigns '{base}'; it is 0")
 
     def _trigger(self, statement: Statement) -> None:
-        """`b = event (x)`: a variable that is true at an instant only stands for that event where it is used."""
+        """`b = event (x)`: a variable that is true at an instant only represents that event in other expressions."""
         if not isinstance(statement, Assign) or not has_event(statement.right) or \
                 {n.lower() for n in calls(statement.right)} - EVENTS:
             return
@@ -280,7 +281,7 @@ class Builder(Execution):
             self._results(self._without_memory(env, others), start, written)
 
     def _without_memory(self, env: Env, others: Iterable[Statement]) -> Env:
-        """Values without the former ones that nothing needs; `others` are the statements that read them as they are."""
+        """Remove former values that are not needed; `others` are the statements that read the values unchanged."""
         read = {n for s in others for n in mentioned(s)} | self._used()  # by integrals and events, too
         read |= {n for e in self.made.events.values() for text in e.when.values() for n in re.findall(r"\w+", text)}
         read |= {n for first in (*self.made.initial.values(), *self.made.first.values()) for n in names(first)}
@@ -331,7 +332,7 @@ class Builder(Execution):
             raise Unreadable(line, AT_EVERY_STEP.format(left.name))
         target = self.evaluate(left)
         if right.op == "call" and right.name.lower() == "constraint" and len(right.args) == 1:
-            zero = self.evaluate(right.args[0])  # the left side is what keeps it at 0
+            zero = self.evaluate(right.args[0])  # the left side keeps it at 0
             self._pairs(zero, [[f.number(0)]], comment or f"kept at 0 by {f.text(target[0][0])}")
             return
         self.memory.target = f.text(target[0][0]) if left.op in ("name", "index") else ""
@@ -345,7 +346,7 @@ class Builder(Execution):
         written.update(f.text(e) for row in target for e in row)
 
     def _constant_trigger(self, name: str) -> None:
-        """A variable that is true at instants only is left out, or 0 where it is an output."""
+        """A variable that is true at instants only is omitted, or 0 if it is an output."""
         item = self.made.items.get(name)
         shared = name in self.made.gives
         if shared:
@@ -383,7 +384,7 @@ class Builder(Execution):
             self.made.initial[f.text(e)] = value
 
     def _final(self, expr: Expr) -> Matrix | None:
-        """The variables that an expression names: what they are after all statements."""
+        """The variables in an expression, with their values after all statements."""
         found = self.symbols.names.get(expr.name, []) if expr.op == "name" else []
         kinds = {item.kind if (item := self.made.items.get(e.name)) else "" for row in found for e in row}
         return found if found and kinds <= {"variable", "out"} else None
@@ -404,7 +405,7 @@ class Builder(Execution):
                 self._code_result(name, value, start, written)
 
     def _code_result(self, name: str, value: Expr, start: Env, written: set[str]) -> None:
-        """What a variable is after the statements: an equation, or a held variable that events set."""
+        """The value of a variable after the statements: an equation, or a held variable that events set."""
         if name in written:
             raise Unreadable(self.submodel.line, f"'{name}' is assigned in several places")
         written.add(name)
@@ -439,7 +440,7 @@ class Builder(Execution):
         self._held(name, item, value, start.get(name, f.number(0)), said)
 
     def _of_last_sample(self, name: str, value: Expr, start: Env) -> Expr:
-        """A value in which what variables were before, itself among them, is what they were at the last sample."""
+        """A value in which former values of variables, its own among them, are the values at the last sample."""
         before = dict.fromkeys(n for n in former(value) if n in self.made.items)
         if keeps(value, name):
             before[name] = None
@@ -450,13 +451,13 @@ class Builder(Execution):
 
     def _follows(self, name: str, item: Item, value: Expr, found: Iterable[tuple[Expr, Expr]], first: Expr,
                  said: str) -> None:
-        """A variable that follows an expression while a branch assigns it, and keeps its last value where none does."""
+        """A variable that follows an expression while a branch assigns it, and keeps its last value otherwise."""
         kept = self.made.hold(f"{name}_kept", item.unit, f"last value of {name}", first)
         self.made.equations.append((f.name(name), renamed(value, name, f.name(kept)), said))
         for condition, leaf in found:
             condition = passed(self.made, self.assigned, condition)
             flag = self.made.hold(f"{name}_assigned", "", f"1 while a branch assigns {name}", f.number(0))
-            # left only where it was entered: at the start a condition may pass from equality to either side
+            # exit only after entry: at the start a condition may change from equality to either side
             left = Expr("and", (simplified(Expr("not", (condition,))), Expr("==", (f.name(flag), f.number(1)))))
             self.made.on("at_start", {"at": "0"}, {flag: Expr("if", (condition, f.number(1), f.number(0)))})
             self.made.on(f"{name}_begins", {"condition": f.text(condition)}, {flag: f.number(1)})

@@ -15,16 +15,16 @@ from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, For, If, Statem
 
 Env = dict[str, Expr]
 MOST_TURNS = 500
-MOST_BRANCHES = 200  # of a loop that ends at a condition of the run
+MOST_BRANCHES = 200  # limit of iterations of a loop that ends at a condition of the run
 
 
 def _where(env: Env, condition: Expr, value: bool) -> Env:
-    """What holds in a branch."""
+    """The values in a branch."""
     return {name: decided(e, condition, value) for name, e in env.items()}
 
 
 class Execution:
-    """What the statements of one submodel assign; an `Env` holds it by the text of each element."""
+    """Symbolic execution of the statements of one submodel; an `Env` holds the values by the text of each element."""
 
     made: Component
     memory: Memory
@@ -33,7 +33,7 @@ class Execution:
     numbers: dict[str, float]
 
     def __init__(self) -> None:
-        self.targets: Env = {}  # what a statement assigns, by its text
+        self.targets: Env = {}  # assigned values, by text
         self.turns = 0
         self.said: dict[str, list[str]] = {}  # the comments at the statements that assign a quantity
 
@@ -41,7 +41,7 @@ class Execution:
         raise NotImplementedError
 
     def _run(self, statements: Iterable[Statement], env: Env) -> None:
-        """Execute assignments one after the other with symbols; `env` holds what they assign."""
+        """Execute assignments in sequence with symbols; `env` holds the values."""
         outer, self.evaluate.values = self.evaluate.values, env
         for statement in statements:
             try:
@@ -76,7 +76,9 @@ class Execution:
                 own.append(comment)
 
     def comment(self, label: str) -> str:
-        """The comments of all statements that assign a quantity: lines before the equation, and last the text beside it."""
+        """The comments of all statements that assign a quantity: lines before the equation, and last the text on its
+        line.
+        """
         own = [comment.split("\n") for comment in self.said.pop(label, ())]
         before = [line for lines in own for line in lines[:-1]]
         return "\n".join([*before, "; ".join(dict.fromkeys(lines[-1] for lines in own if lines[-1]))])
@@ -111,7 +113,7 @@ class Execution:
         env.update(self._merged(condition, then, otherwise, env))
 
     def _merged(self, condition: Expr, then: Env, otherwise: Env, env: Env) -> Env:
-        """What holds after a choice between two branches."""
+        """The values after a choice between two branches."""
         found: Env = {}
         for name in dict.fromkeys([*then, *otherwise]):
             a, b = (side.get(name, env.get(name, Expr("prev", name=name))) for side in (then, otherwise))
@@ -140,7 +142,7 @@ class Execution:
 
     def _while(self, statement: While, env: Env) -> None:
         """`while c do ... end`, or `repeat ... until c` (`after`), whose condition is known beforehand."""
-        branches: list[tuple[Expr, Env]] = []  # what holds where the loop ends at a condition that the run decides
+        branches: list[tuple[Expr, Env]] = []  # values if the loop ends at a condition that is determined during the run
         now = dict(env)
         for turn in range(MOST_TURNS + 1):
             self.evaluate.values = now

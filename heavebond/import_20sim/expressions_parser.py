@@ -21,7 +21,7 @@ COMPARE = 2
 
 
 class Unreadable(Exception):
-    """A construct that the parser does not know; holds the line and the reason."""
+    """A construct that the parser does not know, with the line and the reason."""
 
     def __init__(self, line: int, reason: str):
         super().__init__(reason)
@@ -47,7 +47,7 @@ class Reader:
         return token
 
     def skip(self, *texts: str) -> bool:
-        """Take the next token where it is one of these."""
+        """Skip the next token if it is one of these."""
         if self.now.text.lower() in texts and self.now.kind in ("name", "sign"):
             self.at += 1
             return True
@@ -127,7 +127,7 @@ class Reader:
         if token.kind == "number" and float(token.text) > LARGEST:
             raise Unreadable(token.line, f"the number {token.text[:30]} is too large")
         if token.kind == "number" and self.now.kind == "unit" and not (
-                self.declaring and self.tokens[self.at + 1].text in (";", ",")):  # that unit is of what is declared
+                self.declaring and self.tokens[self.at + 1].text in (";", ",")):  # this is the unit of the declaration
             return Expr("number", value=float(token.text) * unit_factor(self.take().text[1:-1]), line=token.line)
         if token.kind == "number":
             return Expr("number", value=float(token.text), line=token.line)
@@ -262,7 +262,7 @@ class Reader:
         return While(condition, tuple(body), token.word == "repeat", token.line)
 
     def _switch(self, line: int) -> Statement:
-        """`switch x case 1 do ... default do ... end` as nested choices; each case may have an `end` of its own."""
+        """`switch x case 1 do ... default do ... end` as nested choices; each case may have a separate `end`."""
         value, closed = self.expression(), False
         branches: list[tuple[Expr, list[Statement]]] = []
         otherwise: list[Statement] = []
@@ -283,7 +283,7 @@ class Reader:
                 branches.append((test, body))
             else:
                 otherwise = body
-        if closed:  # the last `end` was that of the last case
+        if closed:  # the last `end` belonged to the last case
             self.need("end")
             self.skip(";")
         if not branches:
@@ -300,7 +300,7 @@ class Reader:
                                                                                               "ports", "description"):
             if self.skip(";"):
                 continue
-            if self.now.kind == "string":  # a description of what stands before it
+            if self.now.kind == "string":  # a description of the declaration before it
                 said = self.take().text[1:-1]
                 found[-1:] = [replace(item, doc=item.doc or said) for item in found[-1:]]
                 continue
@@ -322,7 +322,7 @@ class Reader:
             depth += {"(": 1, ")": -1}.get(self.take().text, 0)
 
     def _stated(self) -> Expr:
-        """The value of a declaration; a unit behind its end is that of the declaration."""
+        """The value of a declaration; a unit after it belongs to the declaration."""
         self.declaring = True
         try:
             return self.expression()

@@ -1,4 +1,4 @@
-"""What stands outside an imported model: tables in files beside it, and functions of 20-sim's own compiled libraries (DLLs)
+"""Data outside an imported model: tables in files in its folder, and functions of 20-sim's compiled libraries (DLLs)
 whose laws its manual states. No library is called."""
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from heavebond.import_20sim.names import identifier
 from heavebond.import_20sim.sidops_tree import Expr
 from heavebond.import_20sim.tables import Grid, Table, read_grid, read_table
 
-# libraries and functions in small letters; profiles by their share of the stroke, with its first and second derivative
+# libraries and functions in lower case; profiles by their share of the stroke, with first and second derivative
 TABLE, PROFILES = "table2d.dll", "motionprofiles.dll"
 
 
@@ -35,7 +35,7 @@ class External:
         return Expr("table", (value,), self._entered(name, read_table))
 
     def _entered(self, name: Expr, read: Callable[[Path, str, int], Table | Grid]) -> str:
-        """The label of the table in the file that is named."""
+        """The label of the table in the named file."""
         text = self._text(name)
         if self.folder is None or not text:
             raise Unreadable(name.line, "the name of the table's file is not known")
@@ -50,13 +50,13 @@ class External:
         return label
 
     def function(self, call: Expr, evaluate: Evaluator) -> Matrix:
-        """`dll (library, function, argument)`; raises Unreadable where its law is not known."""
+        """`dll (library, function, argument)`; raises Unreadable if its law is not known."""
         library, name = (self._text(e).lower() for e in (*call.args, call, call)[:2])
         if library == TABLE and name == "table2dinit" and len(call.args) == 3:
             self.unread = True
             self._entered(call.args[2], read_grid)
             self.unread = False
-            return [[f.number(1)]]  # the number of the table, which counts for nothing: there is one
+            return [[f.number(1)]]  # the number of the table, which has no effect: there is one
         if library == TABLE and name == "tableread" and len(call.args) == 3:
             return [[self._read(call, [e for row in evaluate(call.args[2]) for e in row])]]
         if library == PROFILES and len(call.args) == 3:

@@ -8,7 +8,7 @@ from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.sidops_tree import Expr
 
 ADD, MULTIPLY, SIGN, POWER, ATOM = 4, 5, 6, 7, 8
-LARGEST = 20_000  # nodes of an expression: a text that nobody reads, and that the formula language refuses
+LARGEST = 20_000  # limit of nodes of an expression; larger texts are unreadable and refused by the formula language
 LEVEL = {"or": 0, "and": 1, "not": 2, "==": 3, "!=": 3, "<": 3, ">": 3, "<=": 3, ">=": 3, "+": ADD, "-": ADD,
          "*": MULTIPLY, "/": MULTIPLY, "negative": SIGN, "^": POWER}
 TRUTHS = {"or", "and", "not", "==", "!=", "<", ">", "<=", ">="}
@@ -30,7 +30,7 @@ def negative(inner: Expr) -> Expr:
     """-inner, without a double sign."""
     if inner.op == "negative":
         return inner.args[0]
-    return number(0.0 - inner.value) if inner.op == "number" else Expr("negative", (inner,))  # -0.0 would read "-0"
+    return number(0.0 - inner.value) if inner.op == "number" else Expr("negative", (inner,))  # -0.0 would be written as "-0"
 
 
 def add(left: Expr, right: Expr) -> Expr:
@@ -57,7 +57,7 @@ def multiply(left: Expr, right: Expr) -> Expr:
 
 @lru_cache(maxsize=20_000)
 def truth(expr: Expr) -> Expr:
-    """An expression where a condition is needed: a number is true where it is not zero."""
+    """An expression used as a condition: a number is true if it is not zero."""
     if expr.op in ("or", "and", "not"):
         return Expr(expr.op, tuple(truth(e) for e in expr.args))
     if expr.op in TRUTHS or expr.op == "event":
@@ -76,7 +76,7 @@ def text(expr: Expr) -> str:
 
 
 def value_text(expr: Expr) -> str:
-    """The text of an expression where a number is needed: a comparison becomes 1 or 0."""
+    """The text of an expression used as a number: a comparison becomes 1 or 0."""
     return _value(expr)
 
 

@@ -1,8 +1,8 @@
-"""Power ports on no connection: whether their flow or their effort is 0.
+"""Power ports without a connection: determination whether their flow or their effort is 0.
 
-A bond of 20-sim without a partner has the causality of its submodel: a port that takes an effort, such as that of a mass,
-has effort 0, one that takes a flow has flow 0. It is found here by a maximum matching of equations and unknowns, in which
-states are known and one equation of each free port determines its flow, or else its effort.
+A bond of 20-sim without a partner has the causality of its submodel: a port that receives an effort, such as a mass, has
+effort 0, one that receives a flow has flow 0. The causality follows from a maximum matching of equations and unknowns, in
+which states are known and one equation of each free port determines its flow, or else its effort.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def with_free_effort(components: list[tuple[str, Component]], blocks: list[tuple
 
 
 def _gives_flow(block: Block, end: str) -> bool:
-    """Whether the equations of a port state its flow: they may read its effort too, and yet not determine it."""
+    """True if the equations of a port state its flow: they may contain its effort too without determining it."""
     name, _, port = end.partition(".")
     what = next(p.what for p in block.parts.values() if p.name == name)
     if isinstance(what, Component):
@@ -57,7 +57,7 @@ def _gives_flow(block: Block, end: str) -> bool:
 
 
 def _rates(expr: Expr) -> Iterator[str]:
-    """The names of which an expression holds the rate."""
+    """The names whose rates occur in an expression."""
     if expr.op == "call" and expr.name == "der":
         yield from names(expr)
     for e in expr.args:
@@ -93,7 +93,7 @@ def _of_block(prefix: str, block: Block) -> Rows:
 
 
 def _matched(rows: Rows) -> int:
-    """How many equations determine an unknown of their own."""
+    """Number of matched equations."""
     numbers: dict[str, int] = {}
     pairs = [(i, numbers.setdefault(n, len(numbers))) for i, row in enumerate(rows) for n in sorted(row)]
     if not pairs:

@@ -34,11 +34,11 @@ from heavebond.import_20sim.write import (
     scalar,
 )
 
-NO_VALUE = "no value in the 20-sim file"  # in a description
+NO_VALUE = "no value in the 20-sim file"  # characters of a description
 ASSUMED_SAMPLE_TIME = 0.1  # s
-USUAL_DURATION = 10.0  # s, of a run of 20-sim whose file states none
+USUAL_DURATION = 10.0  # duration in s, for a run of 20-sim whose file gives none
 EFFORTS, FLOWS = ({pair[side] for pair in MEMBERS.values()} for side in (0, 1))
-READ = 2000  # characters of a component file that hold its summary
+READ = 2000  # characters at the beginning of a component file that contain its summary
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Untranslated:
 
 @dataclass
 class Imported:
-    """The files of an import by their name, the diagram first, and what is not translated."""
+    """The files of an import by their name, the diagram first, and the list of untranslated constructs."""
 
     name: str
     model: str  # the name of the file of 20-sim, without its ending
@@ -61,14 +61,14 @@ class Imported:
     warnings: list[Problem] = field(default_factory=list)
 
     def left_over(self, folder: Path) -> list[Path]:
-        """Components that an earlier import of the same model wrote into a folder and this one does not."""
+        """Components in a folder from an earlier import of the same model that this import does not write."""
         told = f"of the 20-sim model {self.model}."
         found = sorted((folder / "components").glob("*.yaml")) if (folder / "components").is_dir() else []
         return [path for path in found if f"components/{path.name}" not in self.files
                 and told in path.read_text(encoding="utf-8", errors="replace")[:READ]]
 
     def write(self, folder: Path) -> list[Path]:
-        """Write all files below a folder, which is made where it is missing."""
+        """Write all files below a folder, which is created if it does not exist."""
         (folder / "components").mkdir(parents=True, exist_ok=True)
         for name, text in self.files.items():
             write_text(folder / name, text)
@@ -76,7 +76,7 @@ class Imported:
 
 
 def import_emx(path: Path, library: frozenset[str] = frozenset()) -> Imported:
-    """Translate a file; `library` holds the names of components that the result must not take. Raises ModelError."""
+    """Translate a file; `library` contains the component names that the result must not use. Raises ModelError."""
     emx = read_emx(path)
     root = parse_sidops(emx.sidops, path.name, emx.first_line)
     if root.ports or root.equations is not None:  # the whole model is a part
@@ -104,14 +104,14 @@ class _Writer:
         self.emx, self.translator, self.top, self.library = emx, translator, top, library
         self.result = Imported(identifier(file_stem(emx.path.stem)), emx.path.stem)
         self.names: dict[int, str] = {}
-        self.texts: dict[tuple[str, str], str] = {}  # wanted name and what is common to all parts of a kind: the name
-        self.defaults: dict[int, Component] = {}  # of each component: the one whose values its file has
-        self.kinds: dict[str, Component] = {}  # of each file: the first component of its kind
+        self.texts: dict[tuple[str, str], str] = {}  # wanted name and common text of all parts of a kind: the name
+        self.defaults: dict[int, Component] = {}  # for each component: the one whose values are in its file
+        self.kinds: dict[str, Component] = {}  # for each file: the first component of its kind
         self.taken: set[str] = set()
         self.globals: dict[str, tuple[float, str]] = {}
         self.docs: dict[str, str] = {}  # of global parameters
         self.set: list[tuple[str, str]] = []
-        self.matches: dict[int, Match] = {}  # of components that the library has, by their identity
+        self.matches: dict[int, Match] = {}  # components that the library has, by their identity
 
     def imported(self) -> Imported:
         """All files."""
@@ -147,7 +147,7 @@ class _Writer:
             self.translator.components.append((f"{path}.{name}" if path else name, source))
 
     def _shared(self) -> None:
-        """Global parameters become parameters of the diagram; global variables, inputs of what reads them."""
+        """Global parameters become parameters of the diagram; global variables become inputs of the parts that read them."""
         self._sample_time()
         missing: set[str] = set()
         givers: dict[str, str] = {}
@@ -199,8 +199,8 @@ class _Writer:
                     self.result.untranslated.append(Untranslated(path, made.line, why))
 
     def _unused(self) -> None:
-        """Leave out parameters that no equation uses, such as initial values, which stand in the diagram, and submodels
-        that do nothing but declare global quantities."""
+        """Remove parameters that no equation uses, such as initial values, which are in the diagram, and submodels that
+        only declare global quantities."""
         plotted = {label.replace("\\", ".") for name in self.emx.plotted for label in labels(name)}
         gone: set[str] = set()
         for path, made in self.translator.components:
@@ -223,7 +223,7 @@ class _Writer:
             block.parts = left or block.parts
 
     def _sample_time(self) -> None:
-        """The sample time of the discrete parts, where there are any."""
+        """The sample time of the discrete parts, if there are any."""
         stated = list(dict.fromkeys(self.emx.sample_times.values()))
         told = False
         for path, made in self.translator.components:
@@ -240,7 +240,7 @@ class _Writer:
                 made.shared[SAMPLE_TIME] = f"{SAMPLE_TIME}_{stated.index(item.value) + 1}"
 
     def _recognise(self, path: str, block: Block) -> None:
-        """Use components of the library for those parts of a block that have their law."""
+        """Replace parts of a block by library components with the same law."""
         joined = {end for ends in block.nodes.values() if len(ends) > 1 for end in ends}
         shared = dict(self.set)
         plotted = {label.replace("\\", ".") for name in self.emx.plotted for label in labels(name)}
@@ -283,7 +283,7 @@ class _Writer:
                 for kind, points in zip("xyv" if len(table) == 3 else "xv", table, strict=True)]
 
     def _values(self, part: Part, path: str) -> list[tuple[str, str]]:
-        """The values of a part that are not the defaults of its file."""
+        """The values of a part that differ from the defaults of its file."""
         match, made = self.matches.get(id(part.what)), part.what
         if not isinstance(made, Component):
             return []
@@ -305,7 +305,7 @@ class _Writer:
                 if name in values and f"{own}.{name}" not in shared]
 
     def _place(self, made: Block) -> None:
-        """Write what a block consists of, the inner files first."""
+        """Write the contents of a block, the inner files first."""
         for part in made.parts.values():
             what = part.what
             if isinstance(what, Block):
@@ -324,8 +324,8 @@ class _Writer:
                 self.result.files[f"components/{snake(name)}.yaml"] = text
 
     def _kind(self, what: Component | Block, common: str) -> tuple[str, bool]:
-        """The name of the file for a submodel, and whether it is a new one: submodels of one type, or whose names differ by
-        a number, that have the same text but for the values of their parameters are parts of one kind."""
+        """The name of the file for a submodel, and True if it is new: submodels of one type, or with names that differ by
+        a number, and with the same text except for parameter values are parts of one kind."""
         key = (re.sub(r"^Own(?=[A-Z])|(?<=[A-Za-z])[0-9]+$", "", what.name), common)
         new = key not in self.texts
         if new:
@@ -385,7 +385,8 @@ class _Writer:
             if path in items and label not in names:
                 item, shown = items[path], renamed.get(path, path)
                 unit = item.unit if item.kind in ("variable", "held", "parameter") else ""
-                if label in self.top.nodes and shown not in self.top.nodes[label]:  # what its signal was at the last sample
+                # the value of its signal at the last sample
+                if label in self.top.nodes and shown not in self.top.nodes[label]:
                     label = f"{label}_sampled"
                 names[label] = mapping([("is", scalar(shown)), ("unit", unit or "1")])
             port, _, member = plotted.rpartition(".")

@@ -1,4 +1,6 @@
-"""Values that a branch keeps where what it assigns jumps at the instant at which the branch ends: those before the jump."""
+"""Values that a branch keeps when its assignment jumps at the instant at which the branch ends: the values before the
+jump.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,8 @@ SHORT = 40  # characters of a value that is written out in each event
 
 @dataclass(frozen=True)
 class Kept:
-    """A branch that assigns `value` while `condition` holds: the held variable with its last value, the one that is 1 while
-    the branch assigns it, and the event that ends it."""
+    """A branch that assigns `value` while `condition` holds: the held variable with its last value, the variable that is
+    1 while the branch assigns it, and the event that ends it."""
 
     name: str
     flag: str
@@ -30,8 +32,8 @@ class Kept:
 
 
 def keep_values_before_jumps(made: Component, branches: list[Kept]) -> None:
-    """Where an event that may end a branch also changes what the branch assigns, let the branch keep the value before: it is
-    stored by the first event of an instant, and the end of the branch at the same instant leaves it as it is."""
+    """If an event that may end a branch also changes the assigned value, let the branch keep the value before: the first
+    event of an instant stores it, and the end of the branch at the same instant does not change it."""
     formulas = {left.name: right for left, right, _ in made.equations if left.op == "name"}
     held = {item.name for item in made.of_kind("held")}
     own = {label for branch in branches for label in (branch.name, branch.flag)}
@@ -71,12 +73,12 @@ def _replaced(expr: Expr, old: Expr, new: Expr) -> Expr:
 
 
 def _words(event: Event) -> list[str]:
-    """The names in what lets an event happen."""
+    """The names in the condition of an event."""
     return [n for text in event.when.values() for n in re.findall(r"[A-Za-z_][A-Za-z0-9_]*", text)]
 
 
 def _setting(made: Component, wanted: set[str], formulas: dict[str, Expr]) -> list[Event]:
-    """The events that set some of these variables, or those by whose values these events happen."""
+    """The events that set some of these variables, or variables on which the conditions of these events depend."""
     found: list[Event] = []
     more = True
     while more:

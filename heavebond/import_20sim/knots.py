@@ -14,7 +14,7 @@ from heavebond.import_20sim.sidops_tree import Assign, Do, Expr
 
 
 def collected(symbols: Symbols, call: Expr) -> list[tuple[bool, Matrix]]:
-    """The elements of `collect (p.e)` or `direct (p.e)` with whether each points out."""
+    """The elements of `collect (p.e)` or `direct (p.e)`, each with True if it points out."""
     inner = call.args[0].name
     port, _, member = inner.partition(".")
     if port not in symbols.many:
@@ -26,7 +26,7 @@ def collected(symbols: Symbols, call: Expr) -> list[tuple[bool, Matrix]]:
 
 
 def knot_value(symbols: Symbols, expr: Expr) -> Matrix | None:
-    """`sum (direct (p.f))`, `first (p.e)` and sums of these, for knots; None where it is nothing of the kind."""
+    """`sum (direct (p.f))`, `first (p.e)` and sums of these, for knots; None for other expressions."""
     name = expr.name.lower() if expr.op == "call" else ""
     if name == "sum" and expr.args and expr.args[0].op == "call" and expr.args[0].name.lower() in ("direct", "collect"):
         return _total(collected(symbols, expr.args[0]), expr.args[0].name.lower() == "direct", expr.line)
@@ -60,7 +60,7 @@ def _product(ends: list[Matrix], line: int) -> Matrix:
 
 
 def knot_equations(symbols: Symbols, statement: Assign) -> Iterator[tuple[Matrix, Matrix]]:
-    """Both sides of each equation that a statement is for a knot; nothing where it is none."""
+    """Both sides of each equation of a statement for a knot; empty for other statements."""
     left, right = statement.left, statement.right
     if left.op == "call" and left.name.lower() == "collect":
         for _, matrix in collected(symbols, left):
@@ -72,7 +72,7 @@ def knot_equations(symbols: Symbols, statement: Assign) -> Iterator[tuple[Matrix
 
 
 def one_junction(symbols: Symbols) -> tuple[Ends, tuple[str, ...]] | None:
-    """The bonds of a knot whose equations are those of a 1-junction, and its outputs that are the flow; None for others."""
+    """The bonds of a knot with the equations of a 1-junction, and its outputs that are the flow; None for others."""
     if not symbols.submodel.knot or list(symbols.many) != ["p"] or symbols.source.code:
         return None
     flows, written = [], []

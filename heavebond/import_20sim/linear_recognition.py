@@ -1,4 +1,6 @@
-"""Imported submodels that are linear systems, `ddt (x) = A * x + B * u; y = C * x + D * u`, as the editor writes them."""
+"""Recognition of linear systems in imported submodels, `ddt (x) = A * x + B * u; y = C * x + D * u`, in the form of the
+editor.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,7 @@ from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.match import Match
 
 MATRIX = re.compile(r"[ABCD](_[0-9]+){0,2}")
-SAME = 1e-9  # of the largest value: what the coefficients must reproduce at another point
+SAME = 1e-9  # tolerance relative to the largest value, with which the coefficients must reproduce another point
 
 
 def linear_match(made: Component, joined: Collection[str]) -> Match | None:

@@ -11,7 +11,7 @@ from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.sidops_tree import Expr
 
 Matrix = list[list[Expr]]
-LARGEST_INVERSE = 4  # by cofactors, whose number grows with the factorial
+LARGEST_INVERSE = 4  # largest size for cofactors, whose number grows with the factorial
 
 
 def total(elements: list[Expr]) -> Expr:
@@ -23,7 +23,6 @@ def total(elements: list[Expr]) -> Expr:
 
 
 def multiplied(elements: list[Expr]) -> Expr:
-    """The product of elements."""
     found = f.number(1)
     for e in elements:
         found = f.multiply(found, e)
@@ -59,7 +58,7 @@ def _minor(m: Matrix, i: int, k: int) -> Matrix:
 
 
 def _determinant(m: Matrix) -> Expr:
-    """By expansion along the first row."""
+    """Expansion along the first row."""
     if not m or any(len(row) != len(m) for row in m) or len(m) > LARGEST_INVERSE:
         raise ValueError
     if len(m) == 1:
@@ -90,7 +89,7 @@ def _solved(a: Matrix, b: Matrix) -> Matrix:
 
 
 def product(a: Matrix, b: Matrix) -> Matrix:
-    """The product of two matrices of fitting sizes."""
+    """The product of two matrices of compatible sizes."""
     if len(a[0]) != len(b):
         raise ValueError
     return [[total([f.multiply(e, other[k]) for e, other in zip(row, b, strict=True)]) for k in range(len(b[0]))]
@@ -98,7 +97,7 @@ def product(a: Matrix, b: Matrix) -> Matrix:
 
 
 def power(m: Matrix, exponent: int) -> Matrix:
-    """A square matrix times itself, `exponent` times in all."""
+    """Power of a square matrix with a whole exponent."""
     found: Matrix = [[f.number(float(i == k)) for k in range(len(m))] for i in range(len(m))]
     for _ in range(exponent):
         found = product(found, m)
@@ -139,7 +138,7 @@ def _homogeneous_product(a: Matrix, b: Matrix) -> Matrix:
 
 
 def _halves(args: tuple[Matrix, ...]) -> tuple[Matrix, Matrix]:
-    """Two vectors of three elements, from themselves or from one of six."""
+    """Two vectors of three elements, given separately or as one of six."""
     rows = [[e] for m in args for row in m for e in row]
     if len(rows) != 6:
         raise ValueError
@@ -147,7 +146,7 @@ def _halves(args: tuple[Matrix, ...]) -> tuple[Matrix, Matrix]:
 
 
 def _of_transform(args: tuple[Matrix, ...]) -> Matrix:
-    """`Adjoint`: what a homogeneous transform does to a twist, [R 0; p~ R  R]."""
+    """`Adjoint`: matrix by which a homogeneous transform acts on a twist, [R 0; p~ R  R]."""
     rotation, place = ([row[:3] for row in args[0][:3]], [[row[3]] for row in args[0][:3]]) if len(args) == 1 else args
     if (len(rotation), len(rotation[0]), len(place)) != (3, 3, 3):
         raise ValueError

@@ -1,8 +1,8 @@
-"""Functions of SIDOPS that remember: integrals, discrete functions, whole numbers that events follow, and events.
+"""Functions of SIDOPS with memory: integrals, discrete functions, rounding followed by events, and events.
 
-`sample`, `hold`, `previous`, `dint` and `ddif` act every sample time. What they remember is held between the samples, and
-all of it changes at once: `hold` takes the value that the discrete expressions have at the sample, in which `previous` and
-`dint` are what was remembered before it. Between samples the discrete expressions follow what they sample.
+`sample`, `hold`, `previous`, `dint` and `ddif` act every sample time. Their memory is constant between the samples and
+changes at the same instant: `hold` takes the value of the discrete expressions at the sample, in which `previous` and
+`dint` have the value before it. Between samples the discrete expressions follow the sampled signals.
 """
 
 from __future__ import annotations
@@ -20,18 +20,20 @@ from heavebond.import_20sim.names import identifier
 from heavebond.import_20sim.sidops_tree import Expr
 
 SAMPLE_TIME = "sampletime"
-SAMPLE = "sample"  # the event at every sample
-SAMPLED = "sampled"  # ending of the names of what a value was at the last sample
+SAMPLE = "sample"  # name of the event at every sample
+SAMPLED = "sampled"  # suffix of the values at the last sample
 DELAYED = "state of the delay"
-PAIRS = 3  # of states in a delay, as in the library's PadeDelay
+PAIRS = 3  # number of pairs of states in a delay, as in the library's PadeDelay
 
 
 class Memory:
-    """What one component remembers; `target` is the name of what is assigned now, for the names of what is added."""
+    """The memory of one component; `target` is the quantity that is being assigned, from which the names of additions are
+    derived.
+    """
 
     def __init__(self, made: Component):
         self.made, self.target = made, ""
-        self.begun: dict[str, Expr] = {}  # initial values of what is differentiated
+        self.begun: dict[str, Expr] = {}  # initial values of differentiated quantities
 
     def _name(self, rate: Expr, ending: str) -> str:
         label = rate.name if rate.op == "name" and "." not in rate.name else self.target or ending
@@ -47,12 +49,14 @@ class Memory:
         return f.name(name)
 
     def begins(self, state: Expr, first: Expr) -> None:
-        """Enter what `ddt (x, first)` says of x, which is an initial value if no other equation gives x."""
+        """Enter the initial value of x from `ddt (x, first)`, if no other equation assigns x."""
         if state.op == "name":
             self.begun[state.name] = first
 
     def resettable(self, args: list[Expr], line: int) -> Expr:
-        """`resint(x, new, reset, first)`: the integral of x, set to `new` where `reset` becomes true, kept while it is."""
+        """`resint(x, new, reset, first)`: the integral of x, set to `new` when `reset` becomes true, constant while it
+        is.
+        """
         if len(args) not in (3, 4):
             raise Unreadable(line, "`resint` needs a rate, a new value, a reset and a first value")
         rate, new, reset = args[:3]
@@ -80,7 +84,7 @@ class Memory:
         for side, sign, limit in (("high", 1, high), ("low", -1, low)):
             there = Expr("==", (f.name(at_limit), f.number(sign)))
             beyond, back = (">", "<") if sign > 0 else ("<", ">")
-            # only where the rate leads outwards: it begins at the limit when it leaves it
+            # only if the rate leads outwards: it begins at the limit when it leaves it
             outwards = Expr("and", (Expr(beyond, (found, limit)), Expr(beyond, (rate, f.number(0)))))
             self.made.on(f"{found.name}_{side}", {"condition": f.text(Expr("and", (outwards, free)))},
                          {at_limit: f.number(sign), found.name: limit})
@@ -89,8 +93,8 @@ class Memory:
         return found
 
     def delayed(self, args: list[Expr], line: int) -> Expr:
-        """`tdelay(x, T)`: x delayed by the approximation of Pade, in the form of PadeDelay: a ladder of `PAIRS`
-        pairs of states w and z that are 0 at the start, as if x had been 0 before."""
+        """`tdelay(x, T)`: x delayed by a Padé approximation in the form of PadeDelay: a chain of `PAIRS` pairs of states
+        w and z that are 0 at the start, as if x had been 0 before."""
         if len(args) != 2:
             raise Unreadable(line, "`tdelay` needs a value and a delay")
         value, time = at_event(args[0], None), args[1]
@@ -135,7 +139,7 @@ class Memory:
 
     def discrete(self, kind: str, args: list[Expr], final: Expr | None, line: int) -> Expr:
         """`sample`, `hold`, `previous`, `dint` or `ddif` of a value, with a first value; `final` is the variable of that
-        value, if it is one: what is remembered of it is the value that it has after all statements of the sample."""
+        value, if there is one: its stored value is the value after all statements of the sample."""
         if not args or len(args) > 2:
             raise Unreadable(line, f"`{kind}` needs a value and a first value")
         value, first = args[0], args[1] if len(args) > 1 else f.number(0)
@@ -155,7 +159,7 @@ class Memory:
         return kept if kind == "previous" else Expr("/", (Expr("-", (value, kept)), period))
 
     def at_samples(self, value: Expr, first: Expr | None = None) -> str:
-        """A held variable that is what a value was at the last sample, with its first value."""
+        """A held variable with the value at the last sample, and its first value."""
         event = self.made.events.get(SAMPLE)
         for name, old in event.then.items() if event is not None else ():
             if old == value and name.endswith(SAMPLED) and first in (None, self.made.first[name]):
@@ -166,7 +170,7 @@ class Memory:
         return name
 
     def keep_samples(self, quantities: Collection[str]) -> None:
-        """Let continuous equations take what quantities that change at samples only were at the last sample."""
+        """Let continuous equations use the last sampled values of quantities that change at samples only."""
         made = self.made
 
         def kept(expr: Expr) -> Expr:
@@ -185,8 +189,8 @@ class Memory:
                 made.omitted.append((made.line, f"the event '{label}' follows a sampled quantity between the samples"))
 
     def sampled(self, then: dict[str, Expr]) -> None:
-        """Set values at every sample, after everything else that happens at the same instant, such as a step of an input:
-        a clock counts the samples, and a count that has not been answered is a sample."""
+        """Set values at every sample, after all other events of the same instant, such as a step of an input: a clock
+        counts the samples, and an unprocessed count is a sample."""
         if SAMPLE not in self.made.events:
             self.sample_time()
             ticks, taken = (self.made.hold(name, "", doc, f.number(0)) for name, doc in (
@@ -204,7 +208,7 @@ class Memory:
                                            "frequencyevent": "every"}[kind])
 
     def instants(self, event: Expr) -> list[tuple[str, dict[str, str]]]:
-        """Endings of names and instants of an event: two for `event`, which is met in both directions."""
+        """Suffixes of names and instants of an event: two for `event`, which occurs in both directions."""
         first = event.args[0]
         if event.name == "time" and first.op == "number" and first.value <= 0:
             return []  # at the start
@@ -233,7 +237,7 @@ class Memory:
         return f.number(0)
 
     def require(self, index: Expr, size: int) -> bool:
-        """Demand that an index of parameters lies in a vector; False where it depends on more than parameters."""
+        """Require that an index of parameters lies in a vector; False if it depends on more than parameters."""
         kinds = {item.kind if (item := self.made.items.get(n)) is not None else "" for n in names(index)}
         if kinds != {"parameter"}:
             return False
@@ -242,13 +246,13 @@ class Memory:
         return True
 
     def note(self, line: int, what: str) -> None:
-        """List how something was read."""
+        """List the interpretation of a construct."""
         if (line, what) not in self.made.omitted:
             self.made.omitted.append((line, what))
 
     # -- whole numbers -----------------------------------------------------------------------------------------------
     def floor(self, value: Expr) -> Expr:
-        """The largest whole number not above a value, which events follow."""
+        """The largest whole number not above a value, followed by events."""
         label = identifier(f"{self.target or 'value'}_floor")
         name = self.made.hold(label, "", "largest whole number not above the value", f.number(0))
         held = f.name(name)
@@ -259,7 +263,7 @@ class Memory:
         return held
 
     def truncated(self, ratio: Expr) -> Expr:
-        """The whole part of a ratio, towards zero, which events follow."""
+        """The whole part of a ratio, towards zero, followed by events."""
         name = self.made.hold(identifier(f"{self.target or 'value'}_steps"), "", "whole part of a ratio", f.number(0))
         whole = Expr("if", (Expr(">=", (ratio, f.number(0))), f.call("floor", ratio),
                             f.negative(f.call("floor", f.negative(ratio)))))

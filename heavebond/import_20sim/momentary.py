@@ -1,7 +1,7 @@
 """Branches of `code` that end themselves: `hit = time >= t_hit; if hit then t_hit = time + h; x = y; end`.
 
-Their condition holds at an instant only, because it reads, through other variables, what the branch assigns. What such a
-branch sets is held and set by an event, whose condition must be written in what was before the instant.
+Their condition holds at an instant only, because it depends, through other variables, on the assignments of the branch.
+The assigned variables are held and set by an event, whose condition must be written with the values before the instant.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from heavebond.import_20sim.sidops_tree import Expr
 
 
 def with_conditions_before(values: Mapping[str, Expr]) -> dict[str, Expr]:
-    """The values that branches assign which end themselves, by variable, with their conditions written out in what the
-    variables were before. A variable on which its own condition depends through others was read before it was assigned."""
+    """The values assigned by branches that end themselves, by variable, with their conditions written with the values
+    before. A variable on which its own condition depends through others was read before it was assigned."""
     flags: dict[str, Expr] = {}
     for name, value in values.items():
         conditions = _conditions(value)

@@ -1,4 +1,4 @@
-"""Names of a 20-sim model as names of the language: identifiers that are no keywords."""
+"""Names of a 20-sim model as names of the language: identifiers that are not keywords."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RESERVED = {*KEYWORDS, *FUNCTIONS, *keyword.kwlist, "time", "pi", "set", "start"
 
 
 def identifier(text: str) -> str:
-    """`Submodel-Equation 1` as `Submodel_Equation_1`."""
+    """Identifier for a name: `Submodel-Equation 1` becomes `Submodel_Equation_1`."""
     plain = re.sub(r"\W+", "_", ascii_text(text), flags=re.ASCII).strip("_") or "unnamed"
     if plain[0].isdigit():
         plain = f"n_{plain}"
@@ -23,8 +23,8 @@ def identifier(text: str) -> str:
 
 
 def labels(name: str) -> list[str]:
-    """The names of a quantity of a file as the translated model has it: `Part\\x_1_2` for `Part\\x[1,2]`, and for
-    `x[2,1]`, which may be an element of a vector, `x_2` too."""
+    r"""The names of a quantity of a file in the translated model: `Part\x_1_2` for `Part\x[1,2]`, and for `x[2,1]`, which
+    may be an element of a vector, `x_2` too."""
     *path, last = name.split("\\")
     found = re.fullmatch(r"(.*)\[\s*([0-9]+)\s*(?:,\s*([0-9]+)\s*)?\](.*)", last)
     if found is None:

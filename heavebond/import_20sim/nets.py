@@ -1,4 +1,4 @@
-"""Ends of connections that are one node, and submodels that are nothing but such nodes."""
+"""Ends of connections that form one node, and submodels that are only such nodes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from heavebond.import_20sim.component import Component
 
 
 class Nets:
-    """Ends of connections that are one node."""
+    """Ends of connections that form one node."""
 
     def __init__(self) -> None:
         self.parent: dict[str, str] = {}
@@ -34,7 +34,7 @@ class Nets:
 
 def passing(made: Component, equations: Iterable[tuple[str, str]], nets: Nets) -> None:
     """Give a component the equations of a submodel without parts, whose ports are connected to each other: signals are
-    equal, and bonds have one effort and flows whose sum is 0. `equations` are those between its signals that are known."""
+    equal, and bonds have one effort and flows whose sum is 0. `equations` are the known equations between its signals."""
     made.equations = [(f.name(left), f.number(0) if right == "0" else f.name(right), "") for left, right in equations]
     given = {left.name for left, *_ in made.equations}
     for group in nets.groups():

@@ -1,4 +1,4 @@
-"""Conditions of SIDOPS as conditions of events, which pass from false to true."""
+"""Conversion of conditions of SIDOPS to conditions of events, which change from false to true."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from heavebond.import_20sim.choices import names, rebuilt, simplified, triggers
 from heavebond.import_20sim.component import Component
 from heavebond.import_20sim.sidops_tree import Expr
 
-WHOLE = 0.5  # apart, whole numbers are not equal
+WHOLE = 0.5  # tolerance for whole numbers
 COMPARISONS = {"==", "!=", "<", ">", "<=", ">="}
-CLOSE = 1e-9  # of values that change continuously and count as equal
+CLOSE = 1e-9  # tolerance for continuous values
 
 
 def moves(made: Component, expr: Expr) -> bool:
@@ -23,10 +23,10 @@ def moves(made: Component, expr: Expr) -> bool:
 
 
 def passed(made: Component, assigned: Mapping[str, Expr], expr: Expr) -> Expr:
-    """A condition of an event, where equality of what moves is nearness: of whole numbers within a half, of what changes
-    continuously within what counts as equal, such as a limit that it has reached. `assigned` are values by variable that are
-    not yet among the equations. A comparison of a number with a variable that is one of several numbers, such as that of a
-    region, becomes the conditions for these, which pass continuously."""
+    """A condition of an event in which equality of moving values becomes a tolerance: 0.5 for whole numbers, and for
+    continuous values the tolerance of equality, for example of a limit that has been reached. `assigned` are values by
+    variable that are not yet among the equations. A comparison of a number with a variable that takes one of several
+    numbers, such as the number of a region, becomes the conditions for these, which change continuously."""
     if expr.op in COMPARISONS and (chosen := _by_choice(made, assigned, expr)) is not None:
         return passed(made, assigned, chosen)
     if expr.op in ("==", "!=") and any(moves(made, e) for e in expr.args):
@@ -63,7 +63,9 @@ def _all_numbers(expr: Expr) -> bool:
 
 
 def _continuous(made: Component, assigned: Mapping[str, Expr], expr: Expr, seen: tuple[str, ...]) -> bool:
-    """Whether a value follows the time, a state or a port other than through conditions; inputs are taken for whole."""
+    """True if a value follows the time, a state or a port other than through conditions; inputs are assumed to be whole
+    numbers.
+    """
     if expr.op in f.TRUTHS:
         return False
     if expr.op in ("name", "prev"):

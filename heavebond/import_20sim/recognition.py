@@ -1,10 +1,10 @@
-"""Imported submodels that are components of the library: recognised by their equations, not by their names.
+"""Recognition of library components in imported submodels, by their equations instead of their names.
 
-The equations of both sides are linear in the quantities of the ports and in the internal variables, with coefficients that
-parameters, inputs and the time give: A(s) z + b = 0, where s stands for the derivative. Both are the same law where, at
+The equations of both sides are linear in the quantities of the ports and in the internal variables, with coefficients
+from parameters, inputs and the time: A(s) z + b = 0, where s represents the derivative. Both are the same law if, at
 random values of s, of the parameters and of the inputs, the same port quantities solve them, and all branches of their
-choices are met there. Port quantities, inputs and
-parameters are assigned to each other in every order; a parameter of the library that has no counterpart gets a number.
+choices occur there. Port quantities, inputs and parameters are assigned to each other in every order; a parameter of the
+library without a counterpart gets a number.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ Array = NDArray[np.complex128]
 Taken = set[tuple[int, object]]
 MOST_PARAMETERS, MOST_SIGNALS, MOST_BONDS = 3, 4, 2
 TRIALS = 4  # random points at which both must agree
-TRIALS_OF_CHOICES = 60  # of laws with branches, each of which must be met at one of them
-SAME = 1e-9  # relative size of what counts as zero between matrices whose entries are about 1
-FOR_FILES = {"Record"}  # it passes a column of a file on
-NUMBERS = (1.0, -1.0)  # that a parameter without a counterpart may have, beside its default
+TRIALS_OF_CHOICES = 60  # points for laws with branches, each of which must occur at one of them
+SAME = 1e-9  # relative size that counts as zero for matrices with entries of about 1
+FOR_FILES = {"Record"}  # it forwards a column of a file
+NUMBERS = (1.0, -1.0)  # values to try for a parameter without a counterpart, in addition to its default
 
 
 # -- equations as matrices -------------------------------------------------------------------------------------------------
@@ -59,7 +59,7 @@ class Law:
 
     @property
     def differentiated(self) -> list[syntax.Expr]:
-        """What stands under `der`."""
+        """Arguments of `der`."""
         return [found for e in self.equations for side in (e.left, e.right) for found in _differentiated(side)]
 
     @property
@@ -69,7 +69,7 @@ class Law:
 
     @property
     def states(self) -> set[str]:
-        """The names of what stands under `der`."""
+        """The names in the arguments of `der`."""
         return {_plain(expr) for expr in self.differentiated}
 
 
@@ -112,8 +112,8 @@ def _real(value: complex) -> float:
 
 @dataclass(frozen=True)
 class Point:
-    """Where a law is evaluated: its quantities and the value of s. `taken` collects the ways that its choices went there:
-    the expression of a condition, or of a function that chooses, by its identity, with the outcome."""
+    """Point of evaluation of a law: its quantities and the value of s. `taken` records the branches of its choices: the
+    expression of a condition, or of a function that chooses, by its identity, with the outcome."""
 
     at: Mapping[str, complex]
     s: complex = 0j
@@ -159,7 +159,9 @@ def _true(expr: syntax.Expr, point: Point) -> bool:
 
 def _computed(law: Law, known: Mapping[str, complex],
               taken: Taken) -> tuple[dict[str, complex], list[syntax.Equation], list[str]]:
-    """The inner variables that the known quantities give outright, the other equations, and the other inner variables."""
+    """The inner variables that follow explicitly from the known quantities, the other equations, and the other inner
+    variables.
+    """
     values, rest, inner = dict(known), list(law.equations), list(law.inner)
     found = True
     while found:
@@ -182,8 +184,8 @@ def _computed(law: Law, known: Mapping[str, complex],
 
 
 def _matrix(law: Law, where: Point, chosen: Sequence[syntax.Equation] | None = None) -> Array:
-    """Rows [A b] over the port quantities, the inner variables and 1, for all equations (without the inner variables that
-    are computed outright) or for some; raises ValueError where they are not linear."""
+    """Rows [A b] over the port quantities, the inner variables and 1, for all equations (without the explicit inner
+    variables) or for some; raises ValueError if they are not linear."""
     inner: Sequence[str] = law.inner
     known = where.at
     if chosen is None:
@@ -206,14 +208,14 @@ def _matrix(law: Law, where: Point, chosen: Sequence[syntax.Equation] | None = N
 
 
 def _ports_only(matrix: Array, ports: int) -> Array:
-    """The rows that hold between the port quantities and 1 alone, the inner variables eliminated."""
+    """The rows between the port quantities and 1 only, after elimination of the inner variables."""
     inner = matrix[:, ports:-1]
     rest = np.delete(matrix, np.s_[ports:matrix.shape[1] - 1], axis=1)
     if inner.shape[1]:
         left, sizes, _ = np.linalg.svd(inner)
         rank = int((sizes > SAME * max(1.0, sizes.max(initial=0))).sum())
         if rank < inner.shape[1]:
-            raise ValueError  # an inner variable that nothing decides
+            raise ValueError  # an undetermined inner variable
         rest = left[:, rank:].conj().T @ rest
     size = np.linalg.norm(rest, axis=1)
     found: Array = rest[size > SAME] / size[size > SAME][:, None]
@@ -226,8 +228,8 @@ def _rank(matrix: Array) -> int:
 
 # -- both sides ------------------------------------------------------------------------------------------------------------
 def _imported(made: Component, joined: set[str]) -> Law | None:
-    """The law of an imported component, in which outputs that nothing takes are inner variables; None where it has more
-    than a law has: events, held variables, or what was not translated."""
+    """The law of an imported component, in which unconnected outputs are inner variables; None if it has more than a law:
+    events, held variables, or untranslated constructs."""
     if made.events or made.untranslated or made.omitted or made.gives or made.of_kind("held") or not made.equations:
         return None
     outputs = [i.name for i in made.of_kind("out")]
@@ -250,7 +252,7 @@ def _imported(made: Component, joined: set[str]) -> Law | None:
 
 @lru_cache(maxsize=1)
 def _candidates() -> tuple[tuple[definition.Component, Law], ...]:
-    """The components of the library with ports of any domain and signals of any unit, and with nothing but a law."""
+    """The components of the library with ports of any domain and signals of any unit that consist of a law only."""
     found = []
     for name in sorted(set(library().names()) - FOR_FILES):
         try:
@@ -274,7 +276,7 @@ def _candidates() -> tuple[tuple[definition.Component, Law], ...]:
 
 
 def _unit(text: str) -> str:
-    """The unit of a number in a model whose signals have none, with effort W and flow 1 of bonds: `$Y/($U*s)` is 1/s."""
+    """The unit of a number in a model whose signals have no units, with effort W and flow 1 of bonds: `$Y/($U*s)` is 1/s."""
     plain = re.sub(r"\$[A-Z]\.effort", "W", re.sub(r"\$[A-Z](\.flow)?(?![.\w])", "1", text))
     plain = re.sub(r"\(1\*(\w+)\)", r"\1", plain)
     while plain != (shorter := re.sub(r"(?<![\w.])1\*|[*/]1(?![\w.*])", "", plain)):
@@ -307,7 +309,7 @@ def recognised(made: Component, joined: set[str]) -> Match | None:
 
 
 def _without_ones(made: Component, law: Law, joined: set[str]) -> Match | None:
-    """The component of the library for a law whose gains are 1, as numbers in place of parameters: 1/(tau*s + 1)."""
+    """The library component for a law with gains of 1, as numbers in place of parameters: 1/(tau*s + 1)."""
     ones = [n for n in law.parameters if made.items[n].value == 1 and not made.items[n].unit and n not in made.shared]
     if not ones or len(ones) == len(law.parameters):
         return None
@@ -339,7 +341,7 @@ def _junction(made: Component, joined: set[str]) -> Match | None:
 
 
 def _delay(made: Component) -> Match | None:
-    """A component that is nothing but a delay of its input by a parameter."""
+    """A component that only delays its input by a parameter."""
     if made.delay is None or made.untranslated or made.events or made.gives:
         return None
     result, value, time = made.delay
@@ -376,7 +378,7 @@ def _numbers(own: definition.Component, name: str) -> tuple[float, ...]:
 
 
 def _within_bounds(made: Component, own: definition.Component, match: Match) -> bool:
-    """Whether the parameters of the library accept the values, and what it requires of them."""
+    """True if the library's bounds and requirements permit the values."""
     values: dict[str, complex] = {**match.numbers, **{n: made.items[p].value or 0.0 for n, p in match.parameters.items()}}
     for name, parameter in own.parameters.items():
         value = values[name].real
@@ -391,7 +393,7 @@ def _within_bounds(made: Component, own: definition.Component, match: Match) -> 
 
 
 def _agree(law: Law, other: Law, match: Match) -> bool:
-    """Whether the same port quantities solve both, at random values of everything else."""
+    """True if the same port quantities solve both, at random values of everything else."""
     draw = random.Random(7)
     ports = 2 * len(law.bonds) + len(law.outputs)
     order = [q for p in law.bonds for q in (f"{match.ports[p]}.e", f"{match.ports[p]}.f")] + \
@@ -415,17 +417,17 @@ def _agree(law: Law, other: Law, match: Match) -> bool:
         rank = _rank(mine)
         if rank != _rank(yours) or rank != _rank(np.concatenate([mine, yours])):
             return False
-    # a limit of 1000, or a choice at 100 s, is met at no point: what lies beyond has not been compared
+    # a limit of 1000, or a choice at 100 s, is reached at no point: the range beyond it has not been compared
     return all(len(outcomes) == 2 * count for outcomes, count in zip(met, choices, strict=True))
 
 
 def _with_states(made: Component, law: Law, own: definition.Component, other: Law, match: Match) -> Match | None:
-    """The match with the initial values of the states of the library, which must be port quantities: at the start the
-    imported equations without derivatives give them from the imported states."""
+    """The match with the initial values of the states of the library, which must be port quantities: at the start they
+    follow from the imported states by the imported equations without derivatives."""
     if not other.states:
         return match if not law.states else None
     known: dict[str, complex] = {"time": 0.0, **{n: made.items[n].value or 0.0 for n in law.parameters}}
-    at_once = [e for e in law.equations if not _dynamic(e) and not _has(e, law.inputs)]  # whatever the inputs are
+    at_once = [e for e in law.equations if not _dynamic(e) and not _has(e, law.inputs)]  # for all values of the inputs
     columns = [*(f"{p}.{q}" for p in law.bonds for q in "ef"), *law.outputs, *law.inner]
     rows = _matrix(law, Point({**known, **dict.fromkeys(law.inputs, 0.0)}, 1j), at_once)
     for state, first in made.initial.items():
@@ -444,7 +446,7 @@ def _with_states(made: Component, law: Law, own: definition.Component, other: La
         weights, *_ = np.linalg.lstsq(rows[:, :-1].T, unit.astype(complex), rcond=None)
         if np.abs(rows[:, :-1].T @ weights - unit).max() > SAME:
             return None
-        found[state] = float(f"{-(weights @ rows[:, -1]).real:.13g}") + 0.0  # as precise as the combination is
+        found[state] = float(f"{-(weights @ rows[:, -1]).real:.13g}") + 0.0  # with the precision of the combination
     units = match.units | {state: "W" if state.endswith(".e") else "" for state in found}
     return replace(match, units=units, initial=found)
 

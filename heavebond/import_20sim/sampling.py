@@ -1,9 +1,9 @@
-"""Which submodels of a 20-sim model are discrete, and which of their signals enter continuous parts.
+"""Classification of the submodels of a 20-sim model as discrete or continuous, and of the signals between them.
 
-Discrete equations act at the samples only. A submodel is discrete where it calls `sample`, `previous`, `next`, `dint` or
-`ddif`, or computes from discrete signals alone. Between the samples its signals keep their values: a continuous submodel
-that takes one takes what it was at the last sample, with or without a `hold`. Discrete submodels that signals connect are
-one discrete system, with one sample time, which the experiment states beside one of its quantities.
+Discrete equations act at the samples only. A submodel is discrete if it calls `sample`, `previous`, `next`, `dint` or
+`ddif`, or computes from discrete signals only. Between the samples its signals are constant: a continuous submodel reads
+their values at the last sample, with or without a `hold`. Discrete submodels that are connected by signals form one
+discrete system, with one sample time, which the experiment gives for one of its quantities.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ End = tuple[int, str]  # a submodel by its identity, and its port
 
 @dataclass
 class Sampling:
-    """The discrete submodels by their identity, of continuous ones the inputs that are held between samples, and the sample
-    times in s of submodels whose discrete system has one. `sampled` are the quantities that change at samples only in
-    submodels with continuous parts too, such as the count of an encoder that integrates a speed."""
+    """The discrete submodels by their identity, for continuous ones the inputs that are held between samples, and the
+    sample times in s of submodels in a discrete system with a known one. `sampled` are the quantities that change at
+    samples only in submodels with continuous parts too, such as the count of an encoder that integrates a speed."""
 
     discrete: set[int] = field(default_factory=set)
     held: dict[int, list[str]] = field(default_factory=dict)
@@ -50,7 +50,7 @@ def _expressions(statements: Iterable[Statement]) -> Iterator[Expr]:
 
 
 class _Graph:
-    """Submodels of equations, and where the signals of their inputs come from."""
+    """Submodels of equations, and the sources of their inputs."""
 
     def __init__(self, root: Submodel):
         self.leaves: dict[int, Submodel] = {}
@@ -95,11 +95,11 @@ class _Graph:
         return {name: found for name, found in named.items() if found}
 
     def continuous(self, leaf: int) -> bool:
-        """Whether a submodel has states, events or bonds."""
+        """True if a submodel has states, events or bonds."""
         return bool(self.calls[leaf] & CONTINUOUS) or any(p.domain != "signal" for p in self.leaves[leaf].ports)
 
     def sampled(self, leaf: int) -> set[str]:
-        """The quantities of a submodel with continuous parts that follow from its samples alone."""
+        """The quantities of a submodel with continuous parts that depend on its samples only."""
         equations = self.leaves[leaf].equations
         assert equations is not None
         statements = (*equations.equations, *equations.code)
@@ -119,7 +119,7 @@ class _Graph:
         return found
 
     def holds(self, end: End) -> bool:
-        """Whether an output is that of a `hold`."""
+        """True if an output is the result of a `hold`."""
         equations = self.leaves[end[0]].equations
         assert equations is not None
         written = [s.right for s in (*equations.equations, *equations.code) if isinstance(s, Assign)
@@ -128,13 +128,13 @@ class _Graph:
 
 
 def sampling(root: Submodel, sample_times: Mapping[str, float]) -> Sampling:
-    """What is discrete in a model, with the sample times in s of its discrete systems, each by the name of a quantity."""
+    """The discrete parts of a model, with the sample times in s of its discrete systems, each by the name of a quantity."""
     graph, found = _Graph(root), Sampling()
     inputs = {leaf: graph.inputs(leaf) for leaf in graph.leaves}
     found.discrete = {leaf for leaf, called in graph.calls.items() if called & DISCRETE and not graph.continuous(leaf)}
     found.sampled = {leaf: own for leaf, called in graph.calls.items()
                      if called & DISCRETE and graph.continuous(leaf) and (own := graph.sampled(leaf))}
-    mixed: set[int] = set()  # algebraic, of discrete and continuous signals
+    mixed: set[int] = set()  # algebraic, with discrete and continuous signals
 
     def discrete(source: End) -> bool:
         leaf, port = source
@@ -163,7 +163,7 @@ def sampling(root: Submodel, sample_times: Mapping[str, float]) -> Sampling:
 
 def _times(graph: _Graph, inputs: Mapping[int, Mapping[str, list[End]]], found: Sampling, stated: Mapping[str, float]
            ) -> dict[int, float]:
-    """The sample times that reach a submodel from a stated one through the signals of a discrete system."""
+    """The sample times that reach a submodel from a given one through the signals of a discrete system."""
     acts = {leaf for leaf, called in graph.calls.items() if leaf in found.discrete or called & (DISCRETE | {"hold"})}
     beside: dict[int, set[int]] = {leaf: set() for leaf in graph.leaves}
     for leaf, named in inputs.items():
@@ -186,7 +186,7 @@ def _times(graph: _Graph, inputs: Mapping[int, Mapping[str, list[End]]], found: 
 
 
 def _ends_in(graph: _Graph, inputs: dict[int, dict[str, list[End]]], leaf: int, discrete: set[int]) -> bool:
-    """Whether the outputs of an algebraic submodel reach a discrete one, or a `hold`, through algebraic ones."""
+    """True if the outputs of an algebraic submodel reach a discrete one, or a `hold`, through algebraic ones."""
     seen, front = {leaf}, [leaf]
     while front:
         own = front.pop()

@@ -17,8 +17,8 @@ PORT_WORDS = {"knot", "duplicatable", "psi", "boolean", "integer", "real", "inte
 
 
 def parse_sidops(text: str, file: str, first_line: int = 1) -> Submodel:
-    """The main model of a SIDOPS text, or the submodel that a file of a library holds as the only part of a main model;
-    raises ModelError where its structure cannot be read."""
+    """The main model of a SIDOPS text, or the submodel that a library file contains as the only part of a main model;
+    raises ModelError if its structure cannot be read."""
     reader = Reader(tokenise(text, file, first_line), file)
     try:
         name, following = reader.now, reader.tokens[min(1, len(reader.tokens) - 1)]
@@ -42,7 +42,7 @@ def _numbers(reader: Reader) -> list[float]:
 
 
 def _submodel(reader: Reader, name: str) -> Submodel:
-    """What follows the name of a submodel."""
+    """Parse the text after the name of a submodel."""
     reader.deeper()
     found = Submodel(name, reader.now.line)
     place = _numbers(reader)
@@ -74,7 +74,7 @@ def _specifications(reader: Reader, found: Submodel) -> None:
 
 
 def _placement(reader: Reader) -> None:
-    """Skip what a specification may have after its implementation: texts and the place and size of its icon."""
+    """Skip optional parts of a specification after its implementation: texts, and the place and size of its icon."""
     while reader.now.kind in ("string", "number") or reader.now.text in ("-", ";"):
         reader.take()
 
@@ -118,13 +118,13 @@ def _body(reader: Reader, found: Submodel) -> None:
             reader.take()
     reader.need("implementation_end")
     reader.skip(";")
-    # some elements of the library have their last equations behind `implementation_end`
+    # some elements of the library have their last equations after `implementation_end`
     while found.equations and reader.now.kind == "name" and reader.tokens[reader.at + 1].text in ("=", "["):
         found.equations.equations += reader.statements("specification", "end")
 
 
 def _description(reader: Reader, found: Submodel) -> None:
-    """Skip descriptions, but for the global relations in them."""
+    """Skip descriptions, except for the global relations in them."""
     while reader.skip("description", "help"):
         while reader.now.kind == "string":
             token = reader.take()
@@ -231,7 +231,7 @@ def _part(reader: Reader, found: Submodel) -> None:
 
 
 def _end(reader: Reader) -> str:
-    """One end of a connection: names, in quotes where they hold spaces, with `\\` between them."""
+    r"""One end of a connection: names, in quotes if they contain spaces, with `\` between them."""
     found = reader.take().text.strip("'")
     while reader.now.text == "\\" or (reader.now.kind in ("name", "string") and found.endswith("\\")):
         found += reader.take().text.strip("'")

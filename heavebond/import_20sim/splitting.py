@@ -1,5 +1,5 @@
-"""Variables for parts of expressions: of those that are longer or nested more deeply than the formula language accepts, and
-of those that say the same choice several times."""
+"""Variables for parts of expressions: parts that exceed the length or nesting of the formula language, and repeated
+choices."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from heavebond.import_20sim.sidops_tree import Expr
 LARGEST, PART = 1500, 40  # nodes of an expression, and of a part of a larger one; products of many matrices repeat parts
 
 
-REPEATED = 12  # nodes of an expression that is worth a variable where it stands twice
+REPEATED = 12  # nodes of a repeated expression from which on a variable is worthwhile
 
 
 def share_repeated(made: Component) -> None:
-    """Give choices and calls that stand in several places a variable, the largest first."""
+    """Introduce variables for repeated choices and calls, the largest first."""
     while (expr := _repeated(made)) is not None:
         at = next(k for k, (_, right, _) in enumerate(made.equations) if _holds(right, expr))
         target = made.equations[at][0]
@@ -34,8 +34,7 @@ def share_repeated(made: Component) -> None:
 
 
 def read_held(made: Component) -> None:
-    """Let equations and events read a held variable by its own name and not by that of the output that shows it, which
-    counts as one that moves."""
+    """Let equations and events read a held variable directly and not by the output that shows it, which counts as moving."""
     for shown, right, _ in list(made.equations):
         if shown.op != "name" or right.op != "name" or right.name not in made.items or made.items[right.name].kind != "held":
             continue
@@ -48,7 +47,7 @@ def read_held(made: Component) -> None:
 
 
 def _repeated(made: Component) -> Expr | None:
-    """The largest choice or call in the equations that stands twice in the component."""
+    """The largest choice or call in the equations that occurs twice in the component."""
     seen: set[Expr] = set()
     twice: list[Expr] = []
 
@@ -78,7 +77,7 @@ def _exchanged(expr: Expr, old: Expr, new: Expr) -> Expr:
 
 
 def split_deep(made: Component) -> None:
-    """Give the inner parts of too large expressions of a component variables of their own."""
+    """Introduce variables for the inner parts of too large expressions of a component."""
     given, made.equations = made.equations, []
     whole = [(left, _shallow(made, left.name if left.op == "name" else "sum", right), comment)
              for left, right, comment in given]
@@ -101,7 +100,7 @@ def _small(made: Component, target: str, expr: Expr) -> Expr:
 
 
 def _part(made: Component, target: str, expr: Expr, large: bool) -> Expr:
-    """A variable for an expression that is large, or half as deep as is possible."""
+    """A variable for an expression that is large, or half as deep as permitted."""
     if expr.op in f.TRUTHS or (expr.size <= PART if large else _brackets(expr) < BRACKETS // 2 and
                                _depth(expr) < OPERATIONS // 4):
         return expr
@@ -115,7 +114,7 @@ def _part(made: Component, target: str, expr: Expr, large: bool) -> Expr:
 
 
 def _brackets(expr: Expr) -> int:
-    """How deep the brackets of a text are nested."""
+    """Nesting depth of the brackets in a text."""
     depth = most = 0
     for c in f.text(expr):
         depth += (c == "(") - (c == ")")

@@ -10,12 +10,13 @@ from heavebond.import_20sim.choices import OPPOSITE, rebuilt
 from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.sidops_tree import Assign, Do, Equations, Expr, For, If, Statement, Submodel, While
 
-INSTANT = {"timeevent": 0, "step": 0, "ramp": 0, "impulse": 0, "frequencyevent": 1}  # the argument that is a time
+INSTANT = {"timeevent": 0, "step": 0, "ramp": 0, "impulse": 0, "frequencyevent": 1}  # index of the argument that is a time
 
 
 def shift_time(submodel: Submodel, start: float) -> None:
-    """Write the equations of a submodel and of those within it in the time since a start in s. Instants, such as those with
-    which the time is compared, come earlier by the start; everywhere else, `time` is that time plus the start."""
+    """Rewrite the equations of a submodel and of those within it in the time since the start, which is given in s.
+    Instants that are compared with the time are reduced by the start; elsewhere, `time` is replaced by that time plus
+    the start."""
     for own in (submodel.equations, submodel.relations):
         if own is not None:
             _shift(own, start)

@@ -1,4 +1,4 @@
-"""Imported submodels that are tables: of a file, or of a matrix of points in which their statements search."""
+"""Recognition of tables in imported submodels: from a file, or from a matrix of points that their statements search."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.match import Match
 from heavebond.import_20sim.tables import Table
 
-BETWEEN = (0.0, 0.25, 0.7)  # of an interval: where both must agree
-SAME = 1e-9  # of the range of the values
+BETWEEN = (0.0, 0.25, 0.7)  # shares of an interval at which both must agree
+SAME = 1e-9  # relative to the range of the values
 
 
 def table_match(made: Component) -> Match | None:
-    """A component that is nothing but a table of its inputs or of the time."""
+    """A component that is only a table of its inputs or of the time."""
     if made.events or made.untranslated or made.gives or len(made.of_kind("out")) != 1 or made.of_kind("bond", "held") or \
             made.initial:
         return None
@@ -63,8 +63,8 @@ def _match(made: Component, given: str) -> Match:
 
 
 def _of_matrix(made: Component) -> Match | None:
-    """A component whose only parameters are a matrix of points (x, y) in rows, and whose output is linear between them and
-    constant outside; it gets these points as its table."""
+    """A component whose only parameters are a matrix of points (x, y) in rows, with an output that is linear between them
+    and constant outside; these points become its table."""
     values = {item.name: item.value for item in made.of_kind("parameter")}
     found = {(m[1], int(m[2]), int(m[3])): v for n, v in values.items() if (m := re.fullmatch(r"(.*)_([0-9]+)_([12])", n))
              and v is not None}
@@ -89,7 +89,7 @@ def _of_matrix(made: Component) -> Match | None:
 
 
 def _agrees(made: Component, known: Mapping[str, float], expected: float, tolerance: float) -> bool:
-    """Whether the output has a value, as far as it follows from what is known."""
+    """True if the output has the expected value, computed from the known quantities."""
     at, output = dict(known), made.of_kind("out")[0].name
     left = [(a.name, b) for a, b, _ in made.equations if a.op == "name"]
     while output not in at:

@@ -1,4 +1,6 @@
-"""Tables of 20-sim in files beside a model: of two columns, `table (filename, x)`, and of two inputs, `Table2D.dll`."""
+"""Tables of 20-sim in files in the folder of a model: of two columns, `table (filename, x)`, and of two inputs,
+`Table2D.dll`.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +13,8 @@ from heavebond.core.numerals import NUMBER
 from heavebond.import_20sim.expressions_parser import Unreadable
 
 MOST_POINTS = 5000
-MOST_OF_GRID = 10_000  # values of a table of two inputs, which the equations spell out
-Table = tuple[tuple[float, ...], tuple[float, ...]]  # inputs, which increase, and values
+MOST_OF_GRID = 10_000  # limit of values of a table of two inputs, which the equations list
+Table = tuple[tuple[float, ...], tuple[float, ...]]  # inputs, in increasing order, and values
 Grid = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]  # inputs of rows and of columns, values row by row
 
 
@@ -52,8 +54,8 @@ def read_grid(folder: Path, name: str, line: int) -> Grid:
 
 
 def _rows(folder: Path, name: str, line: int) -> tuple[str, list[list[str]]]:
-    """The name of a file, and its rows that are not empty, in words. Whatever folders the name has are left out, so that
-    nothing but files beside the model is read."""
+    """The name of a file, and its nonempty rows as words. Folders in the name are ignored, so that only files in the
+    folder of the model are read."""
     file = PureWindowsPath(name).name
     path = folder / file
     if not file or not path.is_file():

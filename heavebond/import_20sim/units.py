@@ -9,14 +9,15 @@ from heavebond.core.units import Dimension, UnitProblem, declared_unit, dimensio
 
 SPELLINGS = {"sec": "s", "Nm": "N*m", "Nms": "N*m*s", "Ns": "N*s", "Ohm": "ohm", "kOhm": "kohm", "MOhm": "Mohm", "Ah": "A*h",
              "mAh": "mA*h", "Ws": "W*s", "Wh": "W*h", "cc": "cm**3", "kmh": "km/h", "mph": "mile/h"}
-NAMED = ("m", "s", "kg", "K", "A", "mol", "N", "Pa", "W", "V", "ohm", "F", "H", "C", "T", "Wb")  # bases of one token
+# base units of single tokens
+NAMED = ("m", "s", "kg", "K", "A", "mol", "N", "Pa", "W", "V", "ohm", "F", "H", "C", "T", "Wb")
 TURNS = {"deg": "rad", "rev": "rad", "rad": "rad", "rpm": "rad/s"}
 
 
 @dataclass(frozen=True)
 class ReadUnit:
-    """A unit with the base unit for a declaration; a value x of it is `factor * x + offset` in the base. `doc` is the text
-    of a unit that is not known, whose values are left as they are."""
+    """A unit with the base unit for a declaration; a value x of it is `factor * x + offset` in the base. `doc` is the
+    text of an unknown unit, whose values are unchanged."""
 
     base: str = ""
     factor: float = 1.0
@@ -30,7 +31,7 @@ class ReadUnit:
 
 
 def unit_of(text: str) -> ReadUnit:
-    """A unit as 20-sim writes it: `kg.m2`, `N.s/m`, `m.s-1`, `length, mm`; 20-sim computes in SI units, and so do we."""
+    """A unit in the notation of 20-sim: `kg.m2`, `N.s/m`, `m.s-1`, `length, mm`; both programs compute in SI units."""
     text = text.rpartition(",")[2].strip()
     spelt = re.sub(r"[A-Za-z]+", lambda m: SPELLINGS.get(m.group(), m.group()), text)
     plain = re.sub(r"(?<=[A-Za-z])(-?[0-9]+)", r"**\1", spelt.replace(".", "*").replace("^", "**").replace(" ", "*"))
@@ -47,7 +48,7 @@ def unit_of(text: str) -> ReadUnit:
 
 
 def _base(plain: str, dimension: Dimension) -> str:
-    """The unit of scale 1 for `mm`, `km/h`, `uF` ...: each of its tokens in its base where that is the same quantity."""
+    """The unit of scale 1 for `mm`, `km/h`, `uF` ...: each token in its base unit if that is the same quantity."""
     def token(match: re.Match[str]) -> str:
         word = match.group()
         if word in TURNS:

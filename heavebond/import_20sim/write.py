@@ -1,4 +1,4 @@
-"""Diagrams, blocks and components of an imported model as YAML that is good to read."""
+"""Diagrams, blocks and components of an imported model as readable YAML."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from heavebond.import_20sim.block import Block, Part
 from heavebond.import_20sim.choices import names
 from heavebond.import_20sim.component import Component, Event, Item
 
-WIDTH = 125  # of a line
+WIDTH = 125  # characters of a line
 
 
 def scalar(text: str) -> str:
-    """A plain scalar of YAML, in quotes where it needs them; control characters become spaces."""
+    """A plain scalar of YAML, in quotes if necessary; control characters become spaces."""
     plain = " ".join("".join(c if c.isprintable() else " " for c in text).split())
     if re.fullmatch(r"[A-Za-z0-9_(=.-][\w ().*/+=-]*", plain, re.ASCII) and not plain.endswith(" ") and " #" not in plain:
         return plain
@@ -75,7 +75,7 @@ def _declared(made: Component, defaults: bool) -> list[str]:
 
 
 def component_text(made: Component, name: str, defaults: bool = True) -> str:
-    """The file of a component made of equations; without `defaults`, what all parts of its kind have in common."""
+    """The file of a component made of equations; without `defaults`, the common text of all parts of its kind."""
     lines = [f"component: {name}", f"summary: {scalar(made.summary)}"]
     if made.untranslated:
         lines.append(f"placeholder: {scalar('; '.join(f'line {k}: {w}' for k, w in made.untranslated))}")
@@ -102,7 +102,7 @@ def component_text(made: Component, name: str, defaults: bool = True) -> str:
 
 
 def _event(name: str, event: Event) -> list[str]:
-    """An event on one line, or on several where it is long."""
+    """An event on one line, or on several if it is long."""
     instant = [(key, scalar_formula(formula)) for key, formula in event.when.items()]
     values = [(n, scalar_formula(f.value_text(v))) for n, v in event.then.items()]
     line = f"  {name}: {mapping([*instant, ('then', mapping(values))])}"
