@@ -1,16 +1,16 @@
-"""The experiment that would distinguish the alternatives of a diagnosis: one input, simulated with every alternative.
+"""The experiment that distinguishes the alternatives of a diagnosis: one input, simulated with every alternative.
 
-With y_i(p) (n,) the channels over their noise under alternative i and P the priors of its free parameters p, which lies in
-its bounds,
+With y_i(p) (n,) the channels divided by their noise under alternative i and P the priors of its free parameters p, within
+their bounds,
 
     D = min(D_ij, D_ji),     D_ij = min over p of |y_j - y_i(p)|**2 + (p - p_i)'P (p - p_i),
 
 is the difference that no values of either one's parameters can absorb: if j is right, a fit of i to the new record leaves
-chi-square higher by D on average, with a standard deviation of 2 sqrt(D). All inputs are compared by D along the tangent at
-the fitted values p_i, a bounded linear least squares problem; the leading ones are fitted. The old records have no part in
-it: the new record is to decide alone. The proposed input is the one that decides most pairs, and among those the one whose
-worst pair differs most. W. G. Hunter, A. M. Reiner, Designs for discriminating between two rival models, Technometrics 7
-(1965), doi:10.1080/00401706.1965.10490265.
+chi-square higher by D on average, with a standard deviation of 2 sqrt(D). All inputs are compared by D along the tangent
+at the fitted values p_i, a bounded linear least squares problem; the best ones are fitted. The old records are not used,
+because the new record must decide alone. The proposed input decides most pairs, and among such inputs has the largest
+difference of its worst pair. W. G. Hunter, A. M. Reiner, Designs for discriminating between two rival models,
+Technometrics 7 (1965), doi:10.1080/00401706.1965.10490265.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ from heavebond.numerics.result import Probe
 from heavebond.numerics.simulator import Tolerances
 from heavebond.records.piecewise import align, evaluate, pieces
 
-STEPS = 6  # of a fit of one rival to another
-# finer than a search: what is wanted are small differences of runs
+STEPS = 6  # iterations of a fit of one alternative to another
+# finer than a search, because small differences of runs are needed
 FINE = Tolerances(1e-6, 1e-8)
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """A diagram that the records allow: what it is called, its experiment, the fitted values (SI), and how many samples
-    the records have."""
+    """A diagram that is compatible with the records: its name, its experiment, the fitted values (SI), and the number of
+    samples in the records."""
 
     label: str
     experiment: Experiment
@@ -57,8 +57,8 @@ class Alternative:
 
 @dataclass(frozen=True)
 class AlternativeRun:
-    """A run of one alternative with the values p (m,) of what is free: what was looked at (n_y, N) in SI, and its
-    derivatives (m, n_y, N)."""
+    """A run of one alternative with the values p (m,) of its free parameters: the probed variables (n_y, N) in SI, and
+    their derivatives (m, n_y, N)."""
 
     p: Array
     values: Array
@@ -93,15 +93,15 @@ class PreparedAlternative:
         return Pieced(breaks, np.vstack([breaks[:-1], coefficients.reshape(len(breaks) - 1, -1).T]))
 
     def _elsewhere(self, known: KnownInput) -> Array:
-        """An input that the diagram takes from a file of its own."""
+        """An input that the diagram reads from another file."""
         signal = read_input(known, float(self.time[0]), float(self.time[-1]))
         return evaluate(signal, self.time)
 
     def run(self, known: Mapping[str, Array], probe: Probe | None = None, p: Array | None = None) -> AlternativeRun:
-        """One run; SimulationError or StartError where it breaks down."""
+        """One run; SimulationError or StartError if it fails."""
         simulator = copy(self.simulator)
         simulator.pieces = self.pieced(known)
-        if simulator.looks_up or simulator.compiled:  # the input stands in what integrates
+        if simulator.looks_up or simulator.compiled:  # the integrator contains the input
             simulator.prepare()
         p = self.fitted if p is None else p
         result, probe = simulator.run(dict(zip(self.names, p.tolist(), strict=True))), probe or self.probe
@@ -109,8 +109,8 @@ class PreparedAlternative:
         return AlternativeRun(p, probe.values(result), moved)
 
     def left(self, own: AlternativeRun, other: AlternativeRun, weight: Array) -> tuple[Array, Array]:
-        """What is between its own run and another's (n_y, N) that its parameters do not make up for, as far as the tangent
-        holds, and the step of theirs (m,); `weight` (n_y,) is sqrt(samples that each one stands for) / noise."""
+        """The difference between its run and another's (n_y, N) that its parameters cannot absorb, along the tangent, and
+        their step (m,); `weight` (n_y,) is sqrt(samples that each one represents) / noise."""
         from scipy.optimize import lsq_linear
 
         d = ((other.values - own.values) * weight[:, None]).ravel()
@@ -126,7 +126,7 @@ class PreparedAlternative:
         return (d - J @ step).reshape(own.values.shape), step
 
     def imitating(self, own: AlternativeRun, other: AlternativeRun, known: Mapping[str, Array], weight: Array) -> Array:
-        """The same with its parameters fitted: Gauss and Newton's steps, halved until they help."""
+        """The same with fitted parameters: Gauss-Newton steps, halved until they reduce the difference."""
         def distance(seen: AlternativeRun) -> float:
             off = (other.values - seen.values) * weight[:, None]
             return float(np.sum(off**2) + np.sum((self.precision * (seen.p - self.fitted)) ** 2))
@@ -152,21 +152,21 @@ def _precision(nominal: float | None, high: float) -> float:
     return 0.0 if nominal is None else (2 / (high - nominal)) ** 2
 
 
-POINTS = 1000  # at most so many samples of an input are simulated
-MOST = 5  # alternatives that are compared, the likeliest ones
-SURE = 0.95  # probability of the right decision from which a pair counts as told apart
-REACH = 0.5  # channels may leave the range that they have in the records by this share of it, no further
-RANGE_NOISE = 1e-3  # the noise of a channel that is not measured yet, as a share of its range
-REFITTED = 8  # inputs for which the alternatives are fitted to each other, those that lead by the tangent
-ENOUGH = 10.0  # times what a decision needs: no better input is looked for
-SECONDS = 40.0  # after which no further input is simulated, and half as long again none is looked at closer
-CLOSER = 3  # so many inputs are looked at again where a further channel is sought
+POINTS = 1000  # largest number of simulated samples of an input
+MOST = 5  # number of compared alternatives, the most probable ones
+SURE = 0.95  # probability of the right decision from which a pair counts as distinguished
+REACH = 0.5  # share of their range by which channels may leave the range of the records
+RANGE_NOISE = 1e-3  # assumed noise of an unmeasured channel, as a share of its range
+REFITTED = 8  # number of inputs for which the alternatives are fitted to each other, the best along the tangent
+ENOUGH = 10.0  # multiple of the required difference at which the search for inputs ends
+SECONDS = 40.0  # time after which no further input is simulated, and half as long again after which none is refined
+CLOSER = 3  # number of inputs that are examined again in the search for a further channel
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two alternatives under one input: by how much chi-square would be higher under the wrong one (D), the channel that
-    shows it most, when (s), how far they are apart there in its noise, and the probability of the right decision."""
+    """Two alternatives under one input: the difference of chi-square under the wrong one (D), the channel with the
+    largest difference, its time (s), its size in units of noise, and the probability of the right decision."""
 
     one: str
     other: str
@@ -188,7 +188,7 @@ class Predicted:
 
 @dataclass(frozen=True)
 class AdditionalSensor:
-    """A variable that would tell the alternatives apart if it were measured with `noise` (in `unit`), and the smallest D
+    """A variable that would distinguish the alternatives if it were measured with `noise` (in `unit`), and the smallest D
     of all pairs then."""
 
     name: str
@@ -199,8 +199,8 @@ class AdditionalSensor:
 
 @dataclass(frozen=True)
 class SimulatedInput:
-    """One input that was simulated, and what it does for every pair, with the alternatives `refitted` to each other or
-    along the tangent."""
+    """One simulated input and its effect on every pair, with the alternatives `refitted` to each other or along the
+    tangent."""
 
     proposal: Proposal
     pairs: tuple[Pair, ...]
@@ -212,20 +212,20 @@ class SimulatedInput:
 
     @property
     def decided(self) -> int:
-        """How many pairs it would tell apart."""
+        """Number of pairs that it distinguishes."""
         return sum(p.sure >= SURE for p in self.pairs)
 
     @property
     def least(self) -> Pair:
-        """The pair that it decides least clearly, of those that it decides at all where there are such."""
+        """The least distinct pair, among the distinguished ones if there are any."""
         return min(self.pairs, key=lambda p: (p.sure < SURE and self.decided > 0, p.chi2))
 
 
 @dataclass(frozen=True)
 class Separation:
-    """What was proposed. `best` is the input that tells most apart, None where none could be simulated; `tried` all of
+    """The proposal. `best` is the input that distinguishes most pairs, None if none could be simulated; `tried` all of
     them, best first; `time` (N,) s and `channels` are its run under every alternative, the input itself in SI in
-    `best.proposal.values`; `columns` are the file to run it from, as the records name and measure it."""
+    `best.proposal.values`; `columns` are the file to drive the machine, with the names and units of the records."""
 
     alternatives: tuple[str, ...]
     limits: Mapping[str, tuple[Limits, str]]
@@ -243,11 +243,10 @@ class Separation:
 
     @property
     def decides(self) -> bool:
-        """Whether the proposed input tells at least two of the alternatives apart."""
+        """True if the proposed input distinguishes at least two of the alternatives."""
         return self.best is not None and self.best.decided > 0
 
     def as_dict(self) -> dict[str, object]:
-        """The figures, for machines."""
         best, extra = self.best, self.extra
         return {
             "alternatives": list(self.alternatives), "decides": self.decides, "needed": self.needed,
@@ -263,16 +262,16 @@ class Separation:
 
 
 def _formed(proposal: Proposal) -> dict[str, object]:
-    """What an input is, for machines."""
+    """The description of an input for JSON."""
     return {"input": proposal.input, "form": proposal.shape, "amplitude": proposal.amplitude,
             "frequency": proposal.frequency}
 
 
 @dataclass(frozen=True)
 class _Frame:
-    """What all runs share: the record whose settings hold, its inputs by column, the times (N,) in s and how many samples
-    of a record stand for one of them, the noise of the channels (n_y,) and the range (n_y, 2) that they may use, in SI, and
-    the chi-square that a decision needs."""
+    """Common data of all runs: the record with the settings, its inputs by column, the times (N,) in s and the number of
+    samples of a record that each represents, the noise of the channels (n_y,) and their permitted range (n_y, 2), in
+    SI, and the required chi-square."""
 
     record: Record
     known: tuple[KnownInput, ...]
@@ -285,28 +284,28 @@ class _Frame:
     needed: float
 
     def within(self, seen: Sequence[AlternativeRun]) -> bool:
-        """Whether every channel stays about where the records have been: a drive that integrates runs away elsewhere."""
+        """True if every channel stays near the range of the records: an integrating drive leaves it with other inputs."""
         return all(bool(np.all((s.values >= self.reach[:, :1]) & (s.values <= self.reach[:, 1:]))) for s in seen)
 
     def quiet(self) -> dict[str, Array]:
-        """Every input where its record begins."""
+        """Every input at the first value of its record."""
         return {k.source.column: np.full(len(self.time), self.seen[k.name].limits.start) for k in self.known}
 
     def with_proposal(self, proposal: Proposal) -> dict[str, Array]:
-        """The same with one input as proposed."""
+        """The same with one proposed input."""
         column = next(k.source.column for k in self.known if k.name == proposal.input)
         return {**self.quiet(), column: proposal.values}
 
 
 def separate(alternatives: Sequence[Alternative], *, machine: Experiment | None = None, seconds: float = SECONDS,
              progress: Progress | None = None) -> Separation:
-    """Propose the input that tells alternatives apart: two or more diagrams on the same records.
+    """Propose the input that distinguishes alternatives: two or more diagrams on the same records.
 
-    Every input that a record drives is moved in many shapes within what the records did (see `proposals`), the others
-    stay where their records begin; no further one is simulated after `seconds`. A further channel is sought among the
-    variables of `machine`, the experiment without what the alternatives add (without one, among all that they have in
-    common): the state of a hysteresis that may be missing is no quantity to measure. Raises DataError where a record cannot
-    be read and ModelError where a diagram cannot be assembled.
+    Every input that a record drives is varied in many shapes within the limits of the records (see `proposals`), the
+    others keep their first values; no further input is simulated after `seconds`. A further channel is sought among the
+    variables of `machine`, the experiment without the additions of the alternatives (without one, among all common
+    variables): the state of a hysteresis that may be missing cannot be measured. Raises DataError if a record cannot be
+    read and ModelError if a diagram cannot be assembled.
     """
     say, began = progress or (lambda text: None), clock.perf_counter()
     alternatives = alternatives[:MOST]
@@ -332,7 +331,7 @@ def separate(alternatives: Sequence[Alternative], *, machine: Experiment | None 
 
 
 def _frame(alternatives: Sequence[Alternative]) -> _Frame:
-    """Times and channels after the first fitted record of the first alternative."""
+    """Times and channels of the first fitted record of the first alternative."""
     first = alternatives[0].experiment
     record = next(r for r in first.records.values() if r.use == "fit")
     measured = measure(first, record)
@@ -360,7 +359,7 @@ def _reach(experiment: Experiment) -> Array:
 
 def _runs(rivals: Sequence[PreparedAlternative], known: Mapping[str, Array], probes: Sequence[Probe | None] | None = None
           ) -> list[AlternativeRun] | None:
-    """All alternatives with the same inputs; None where one of them breaks down."""
+    """All alternatives with the same inputs; None if one of them fails."""
     try:
         return [c.run(known, probe) for c, probe in zip(rivals, probes or [None] * len(rivals), strict=True)]
     except (ModelError, SimulationError, StartError):
@@ -374,7 +373,7 @@ def _pairs(rivals: Sequence[PreparedAlternative], seen: Sequence[AlternativeRun]
     found = []
     for i, j in combinations(range(len(rivals)), 2):
         sides = [rivals[a].left(seen[a], seen[b], weight)[0] for a, b in ((i, j), (j, i))]
-        # where the tangent sees nothing there is nothing to fit
+        # if the tangent finds no difference, no fit is needed
         if known is not None and min(float(np.sum(side**2)) for side in sides) > 1.0:
             sides = [rivals[a].imitating(seen[a], seen[b], known, weight) for a, b in ((i, j), (j, i))]
         d = min(sides, key=lambda side: float(np.sum(side**2)))
@@ -389,7 +388,9 @@ def _pairs(rivals: Sequence[PreparedAlternative], seen: Sequence[AlternativeRun]
 def _refitted(rivals: Sequence[PreparedAlternative], frame: _Frame, tried: Sequence[SimulatedInput], names: Sequence[str],
               say: Progress,
               until: float) -> list[SimulatedInput]:
-    """All inputs, best first, those that lead with the alternatives fitted to each other: a tangent may promise too much."""
+    """All inputs, best first, with the alternatives fitted to each other for the best ones: the tangent may overestimate
+    a difference.
+    """
     order = sorted(tried, key=_merit)
     for k in range(REFITTED):
         good = any(t.refitted and t.decided == len(t.pairs) and t.smallest > ENOUGH * frame.needed for t in order)
@@ -400,21 +401,23 @@ def _refitted(rivals: Sequence[PreparedAlternative], frame: _Frame, tried: Seque
         seen = _runs(rivals, known) or []
         order[0] = SimulatedInput(order[0].proposal, _pairs(rivals, seen, frame, names, known), True)
         order.sort(key=_merit)
-    return sorted(order, key=lambda t: (not t.refitted, *_merit(t)))  # a promise does not count
+    return sorted(order, key=lambda t: (not t.refitted, *_merit(t)))  # an estimate by the tangent does not count
 
 
 def _mixed(proposals: Sequence[Proposal]) -> list[Proposal]:
-    """All of them, shapes of all kinds early: every fifth, then those behind these."""
+    """All proposals in an order with shapes of all kinds early: every fifth, then the ones after these."""
     return [p for first in range(5) for p in proposals[first::5]]
 
 
 def _merit(tried: SimulatedInput) -> tuple[float, float]:
-    """Smaller is better: how many pairs are decided, how clearly the least clear one of them."""
+    """Sort key, smaller is better: number of decided pairs, and distinctness of the least distinct one."""
     return -tried.decided, -tried.least.chi2
 
 
 def _sure(chi2: float, needed: float) -> float:
-    """The probability that the difference of chi-square, which is normal about D with variance 4 D, is what is needed."""
+    """The probability that the difference of chi-square, which is normal about D with variance 4 D, reaches the required
+    value.
+    """
     from scipy.special import ndtr
 
     return float(ndtr((chi2 - needed) / (2 * np.sqrt(chi2)))) if chi2 > 0 else 0.0
@@ -422,8 +425,8 @@ def _sure(chi2: float, needed: float) -> float:
 
 def _extra(rivals: Sequence[PreparedAlternative], frame: _Frame, tried: Sequence[SimulatedInput],
            machine: Experiment | None) -> AdditionalSensor | None:
-    """The variable of all diagrams that, measured as well, tells most apart under one of the better inputs; of those that
-    tell about as much, one of a node or component rather than of a port."""
+    """The variable of all diagrams that, as an additional channel, distinguishes most pairs under one of the better
+    inputs; among about equal ones, a variable of a node or component rather than of a port."""
     flat = [r.assembly.flat for r in rivals] + ([assemble_for(machine, frame.record).flat] if machine is not None else [])
     units = [{u.name: u.unit.text for u in found.unknowns} for found in flat]
     names = [n for n in units[0] if all(n in other for other in units[1:]) and n not in rivals[0].probe.names]
@@ -442,7 +445,7 @@ def _extra(rivals: Sequence[PreparedAlternative], frame: _Frame, tried: Sequence
 def _measured_too(rivals: Sequence[PreparedAlternative], frame: _Frame, seen: Sequence[AlternativeRun], k: int, name: str,
                   unit: str
                   ) -> AdditionalSensor | None:
-    """What the k-th of the variables that were looked at would add to the channels; None where it does not move."""
+    """Gain by the k-th of the probed variables as an additional channel; None if it is constant."""
     noise = RANGE_NOISE * max(float(np.ptp(s.values[k])) for s in seen)
     if noise <= 1e-12 * max(float(np.abs(s.values[k]).max()) for s in seen):
         return None
@@ -457,7 +460,7 @@ def _measured_too(rivals: Sequence[PreparedAlternative], frame: _Frame, seen: Se
 def _separation(alternatives: Sequence[Alternative], rivals: Sequence[PreparedAlternative], frame: _Frame,
                 tried: list[SimulatedInput],
                 extra: AdditionalSensor | None) -> Separation:
-    """All that is to be said, with the run of the best input."""
+    """The complete proposal, with the run of the best input."""
     channels: dict[str, Predicted] = {}
     columns: dict[str, Array] = {}
     if tried:
@@ -475,7 +478,7 @@ def _separation(alternatives: Sequence[Alternative], rivals: Sequence[PreparedAl
 
 
 def _columns(experiment: Experiment, frame: _Frame, known: Mapping[str, Array]) -> dict[str, Array]:
-    """The file to run the inputs from: as often sampled as the records, in their columns and units."""
+    """The file with the inputs: with the sampling, columns and units of the records."""
     count = (len(frame.time) - 1) * frame.finer
     time = np.linspace(0.0, float(frame.time[-1]), count + 1)
     found = {experiment.time_column: _in(experiment.time_unit, time)}
@@ -491,7 +494,7 @@ def _in(unit: str, values: Array) -> Array:
     return np.asarray((values - read.offset) / read.scale)
 
 
-# -- words ---------------------------------------------------------------------------------------------------------
+# -- text ----------------------------------------------------------------------------------------------------------
 def _words(found: Separation, frame: _Frame) -> tuple[str, ...]:
     if not frame.known:
         return ("No input is driven by a record, so no other one can be proposed.",)

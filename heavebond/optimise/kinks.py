@@ -21,8 +21,8 @@ JUMPS = ("sign", "floor", "if_else")
 
 @dataclass(frozen=True)
 class Kink:
-    """A place in a law that switches where `argument`, in the arguments of the assembly, passes through zero; in an
-    equation of `owner`, or in the formula of `signal` itself."""
+    """A place in a law that switches if `argument`, in the arguments of the assembly, passes through zero; in an equation
+    of `owner`, or in the formula of `signal` itself."""
 
     owner: str
     function: str
@@ -31,13 +31,13 @@ class Kink:
 
     @property
     def jumps(self) -> bool:
-        """Whether the value may jump there, and not only its slope."""
+        """True if the value may jump there, and not only its slope."""
         return self.function in JUMPS
 
 
 @dataclass(frozen=True)
 class KinkCrossing:
-    """A kink that two runs pass at different times or on different sides, the first time at which that is so."""
+    """A kink that two runs pass at different times or on different sides, with the first such time."""
 
     kink: Kink
     time: float
@@ -78,11 +78,11 @@ def _of_signals(assembly: Assembly, signals: Iterable[str]) -> Iterator[Kink]:
 
 
 def _expressed(assembly: Assembly, raw: ca.SX, owner: str, signal: str = "") -> Iterator[Kink]:
-    """The kinks of an expression in raw symbols, their arguments in those of the assembly."""
+    """The kinks of an expression in raw symbols, with arguments in the assembly's symbols."""
     for function, argument in _kinks(raw):
         try:
             yield Kink(owner, function, assembly.express(argument), signal)
-        except ExpressionProblem:  # a derivative within a loop, which cannot be told from outside
+        except ExpressionProblem:  # a derivative within a loop, which cannot be evaluated outside
             continue
 
 
@@ -100,5 +100,5 @@ def _kinks(expression: ca.SX) -> Iterator[tuple[str, ca.SX]]:
         elif operation in _ARGUMENTS:
             yield _ARGUMENTS[operation], parts[0]
         elif operation == ca.OP_FLOOR:
-            yield "floor", ca.sin(np.pi * parts[0])  # changes its sign where the argument passes a whole number
+            yield "floor", ca.sin(np.pi * parts[0])  # changes its sign when the argument passes a whole number
         waiting += parts

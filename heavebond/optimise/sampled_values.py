@@ -17,14 +17,14 @@ SAMPLED = (*EXTREMES, *CONDITIONS, CYCLES, DEVIATION)
 
 
 def sampled_value(kind: str, time: Array, signal: Array, moved: Array, exponent: float = 1.0) -> tuple[float, Array]:
-    """The number of a signal (n,) at times (n,) and its slopes (m,), where the signal moves by `moved` (m, n). A time may
-    occur twice, with the values before and after an event.
+    """The value of a functional of a signal (n,) at times (n,) and its slopes (m,), for changes `moved` (m, n) of the
+    signal. A time may occur twice, with the values before and after an event.
 
-    highest(e), lowest(e): the extremes; largest(e): that of |e|; of a condition (1 where it holds, 0 elsewhere) share(c):
-    the part of the time in which it holds; times(c): how often it becomes true. What counts has no slope.
+    highest(e), lowest(e): the extremes; largest(e): the largest |e|; for a condition (1 if it holds, 0 otherwise) share(c):
+    the share of the time in which it holds; times(c): how often it becomes true. Counts have no slope.
     deviation(e): the standard deviation over time.
-    equivalent_range(e, m), with the ranges r and counts n of the rainflow cycles of a signal that lasts T, is
-    (sum n r**m/(T 1 Hz))**(1/m): the range that does the same damage once a second where damage grows as r**m.
+    equivalent_range(e, m), with the ranges r and counts n of the rainflow cycles of a signal of duration T, is (sum n
+    r**m/(T 1 Hz))**(1/m): the range that causes the same damage once a second if damage is proportional to r**m.
     """
     still = np.zeros(len(moved))
     if kind == DEVIATION:
@@ -44,7 +44,7 @@ def sampled_value(kind: str, time: Array, signal: Array, moved: Array, exponent:
 
 
 def _equivalent_range(time: Array, signal: Array, moved: Array, exponent: float) -> tuple[float, Array]:
-    """The range and its slopes (m,): each range moves as the samples at its two ends."""
+    """The range and its slopes (m,): each range changes with the samples at its two ends."""
     ranges, counts, ends = rainflow_ranges(signal)
     damage = counts * ranges**exponent / (time[-1] - time[0])
     if not damage.sum() > 0:

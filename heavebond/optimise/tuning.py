@@ -24,7 +24,7 @@ from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.optimise.objective import OBJECTIVE, Evaluation, Objective, TuningProblem
 from heavebond.optimise.search import METHODS, SEARCH, SearchResult, search
 
-# Number of points drawn from the hypercube for each that is run: those beyond the stability boundary of the linearised
+# Number of points drawn from the hypercube for each that is run: points beyond the stability boundary of the linearised
 # machine are skipped.
 DRAWN = 4
 # Largest excess cost, relative to the best, of a point at the stability boundary from which another search is started.
@@ -45,9 +45,9 @@ class TuningEvaluation:
 class Tuned:
     """The result of a tuning: the best `values` in SI, their `cost` and the cost `before`, without unit.
 
-    `limits` are negative where satisfied (relative); `paths` hold the evaluations of every start. `simulations` counts a
-    run with k sensitivities as 1 + k plain runs, and the gradients of k costs by an adjoint run as 2 + k/2. `stability`
-    holds the margins of the best values; `at_end` the parameters at the lower or the upper end of their range.
+    `limits` are negative if satisfied (relative); `paths` are the evaluations of every start. `simulations` counts a run
+    with k sensitivities as 1 + k plain runs, and the gradients of k costs by an adjoint run as 2 + k/2. `stability`
+    contains the margins of the best values; `at_end` the parameters at the lower or the upper end of their range.
     """
 
     task: TuningProblem
@@ -74,13 +74,12 @@ def tune(model: ModelOrFile | Assembly | Objective, task: TuningProblem, *, expl
          partial: bool = False) -> Tuned:
     """Minimise the cost of a tuning problem over its free parameters, within their ranges and limits.
 
-    `model` is a diagram, an Assembly or an Objective that exists already; `task` comes from `tuning_task` or a study.
-    The diagram's own values and `explore` points of a Latin hypercube (drawn with `seed`) are simulated without
-    gradients, as the gradient of the cost beyond the stability boundary is of no use. From the best `starts` of them a
-    search with exact gradients goes on for at most `most_steps` steps; `method` is trust or ipopt (see
-    `heavebond.optimise.search`). Values of the result are in SI. `progress` is called with a text at each step. With
-    `partial` Ctrl-C returns the best so far (`message` is "interrupted"), once a first run is through. Raises UsageError
-    for what is wrong in the task.
+    `model` is a diagram, an Assembly or an existing Objective; `task` comes from `tuning_task` or a study. The diagram's
+    values and `explore` points of a Latin hypercube (drawn with `seed`) are simulated without gradients, because the
+    gradient of the cost beyond the stability boundary is useless. A search with exact gradients continues from the best
+    `starts` of them for at most `most_steps` steps; `method` is trust or ipopt (see `heavebond.optimise.search`). Values
+    of the result are in SI. `progress` is called with a text at each step. With `partial` Ctrl-C returns the best result
+    so far (`message` is "interrupted"), after the first run. Raises UsageError for mistakes in the task.
     """
     if method not in METHODS:
         raise UsageError([Problem("method-unknown", f"'{method}' is not a method of tuning", None,
@@ -118,7 +117,7 @@ def _told(problem: Objective, task: TuningProblem, found: Sequence[SearchResult]
 
 
 def stability_of(problem: Objective, values: Mapping[str, float]) -> Stability:
-    """The margins of stability at values of the free parameters (SI): of its equilibrium, else of its periodic run."""
+    """The margins of stability at values of the free parameters (SI): of the equilibrium, else of the periodic run."""
     held = tuple(held_lines(problem.held))
     if problem.undecided:
         return Stability("", None, undecided=problem.undecided, held=held)
@@ -144,7 +143,7 @@ def stability_of(problem: Objective, values: Mapping[str, float]) -> Stability:
 
 
 def _of_runs(problem: Objective, values: Mapping[str, float]) -> Stability:
-    """Stability by the largest Floquet multiplier of the runs of all cases; undecided where a run is not periodic."""
+    """Stability by the largest Floquet multiplier of the runs of all cases; undecided if a run is not periodic."""
     found = {case.case.name: largest_multiplier(case.plain.assembly.with_parameters(dict(values)), float(problem.times[-1]))
              for case in problem.cases}
     known = {name: size for name, size in found.items() if size is not None}
@@ -170,9 +169,8 @@ def ends(problem: Objective, values: Mapping[str, float], swept: Mapping[str, Se
 
 def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: Sequence[tuple[str, Sequence[float]]], *,
                   progress: Progress | None = None) -> Tuned:
-    """Coordinate search: sweep one parameter after the other over values (SI), with those before at their best.
-
-    The other free parameters are at `begin`, else at the diagram's own values. A failed run has infinite cost.
+    """Coordinate search: sweep one parameter after the other over values (SI), with the former ones at their best. The
+    other free parameters are at `begin`, else at the diagram's values. A failed run has infinite cost.
     """
     values = {name: problem.assembly.with_parameters(begin).parameter_values[name] for name in problem.names}
     steps: list[tuple[TuningEvaluation, Evaluation]] = []
@@ -196,8 +194,8 @@ def _rank(found: SearchResult) -> tuple[bool, float]:
 
 
 def _edges(problem: Objective, found: SearchResult, say: Progress) -> list[Array]:
-    """Points at the stability boundary along each free parameter whose cost is little above that found. A cost often has
-    another local minimum there, where friction keeps a machine at rest that would be unstable without it."""
+    """Points at the stability boundary along each free parameter whose cost is little above the result. A cost often has
+    another local minimum there, where friction stabilises a machine that would be unstable without it."""
     points = []
     for k, name in enumerate(problem.names):
         for end in (0.0, 1.0):
@@ -214,7 +212,7 @@ def _edges(problem: Objective, found: SearchResult, say: Progress) -> list[Array
 
 def limit_of_stability(problem: Objective, y: Array, k: int, end: float) -> float | None:
     """The share of the k-th unknown, between its value and `end`, at which the linearised machine becomes unstable (or
-    stable), with the others fixed; None where there is no change. Where stability is a limit of the task, its measure is
+    stable), with the others fixed; None if there is no change. If stability is a limit of the task, its measure is
     used."""
     from scipy.optimize import brentq
 
@@ -230,7 +228,7 @@ def limit_of_stability(problem: Objective, y: Array, k: int, end: float) -> floa
 
 
 def _before(problem: Objective) -> float:
-    """The cost of the diagram's own values, infinite beyond the stability boundary (where runs are long)."""
+    """The cost of the diagram's values, infinite beyond the stability boundary (where runs are long)."""
     return problem.cost(problem.start) if problem.calm(problem.start) else np.inf
 
 
@@ -241,7 +239,7 @@ def _path(problem: Objective, found: SearchResult) -> tuple[TuningEvaluation, ..
 def starting_points(problem: Objective, explore: int, starts: int, seed: int, say: Progress) -> list[Array]:
     """The best `starts` of the diagram's values and `explore` points of a Latin hypercube, best first.
 
-    Where the linearised machine is stable at some points and not at others, only the stable ones are run.
+    If the linearised machine is stable at some points only, only these are run.
     """
     drawn = problem.spread(DRAWN * explore, seed)
     points = list(islice((y for y in drawn if problem.calm(y) and problem.instability(y) <= 0), 1 + explore)
@@ -256,7 +254,7 @@ def starting_points(problem: Objective, explore: int, starts: int, seed: int, sa
 
 def sweep(problem: Objective, numbers: Sequence[int], *, progress: Progress | None = None) -> tuple[list[Array], Array]:
     """The cost on a grid over the ranges, without gradients: axes in SI and costs (numbers[0], numbers[1], ...), infinite
-    where a run broke down."""
+    for a failed run."""
     axes = [np.linspace(0, 1, n) for n in numbers]
     costs = np.empty([len(a) for a in axes])
     for k, index in enumerate(np.ndindex(*costs.shape), 1):

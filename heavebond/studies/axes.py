@@ -1,7 +1,7 @@
 """The cases of a study: every combination of the levels of its axes.
 
-An axis is a parameter with a list of values, words that stand for variants (values set, another diagram), or points drawn
-from what is declared of uncertain parameters:
+An axis is a parameter with a list of values, names of variants (values set, another diagram), or points that are sampled
+from the declared ranges of uncertain parameters:
 
     cases:
       ahc.valve.f_n: [0.25 Hz, 0.5 Hz, 1 Hz]                              # a parameter
@@ -38,8 +38,8 @@ INITIAL = "initial."
 
 @dataclass(frozen=True)
 class Level:
-    """One value on an axis: its name, what is set, the diagram where it is another one, the number (SI) of an axis of
-    numbers; of a point of a sample its numbers (SI), and the parameters by which slopes are wanted."""
+    """One value on an axis: its name, its settings, its diagram if it is another one, the number (SI) of a numeric axis;
+    for a point of a sample its numbers (SI), and the parameters for which slopes are computed."""
 
     name: str
     settings: dict[str, Setting]
@@ -51,7 +51,9 @@ class Level:
 
 @dataclass(frozen=True)
 class Axis:
-    """What is varied; `unit` is that of a parameter's values, None where the levels are variants or points of a sample."""
+    """A varied quantity; `unit` is the unit of a parameter's values, None if the levels are variants or points of a
+    sample.
+    """
 
     name: str
     levels: tuple[Level, ...]
@@ -62,7 +64,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class StudyCase:
-    """One combination: which level of each axis, and the diagram as it stands there."""
+    """One combination: the level of each axis, and the changed diagram."""
 
     index: tuple[int, ...]
     levels: tuple[Level, ...]
@@ -70,12 +72,12 @@ class StudyCase:
 
     @property
     def name(self) -> str:
-        """`without, 0.25 Hz`; of a study without axes the name of the diagram."""
+        """`without, 0.25 Hz`; for a study without axes the name of the diagram."""
         return ", ".join(level.name for level in self.levels) or self.model.name
 
 
 def indices(axes: Sequence[Axis]) -> list[tuple[int, ...]]:
-    """Every combination of the levels, the last axis running fastest."""
+    """Every combination of the levels, the last axis varying fastest."""
     return list(product(*(range(len(axis.levels)) for axis in axes)))
 
 
@@ -87,7 +89,7 @@ def case_at(axes: Sequence[Axis], model: Model, index: tuple[int, ...]) -> Study
 
 
 def changed(model: Model, settings: Sequence[dict[str, Setting]]) -> Model:
-    """The diagram with settings of a study file, each keeping its place there; `initial.x` is a value at the start."""
+    """The diagram with settings of a study file, each with its place there; `initial.x` is a value at the start."""
     together = {path: setting for level in settings for path, setting in level.items()}
     plain = {path: setting for path, setting in together.items() if not path.startswith(INITIAL)}
     conditions = dict(model.initial.conditions)
@@ -115,7 +117,7 @@ def read_axes(node: Node | None, source: Source, problems: Problems) -> tuple[Ax
 
 
 def _check_diagrams(axes: Sequence[Axis], problems: Problems) -> None:
-    """Two axes that both name diagrams would contradict each other."""
+    """Refuse two axes that both name diagrams."""
     naming = [axis for axis in axes if any(level.model is not None for level in axis.levels)]
     for axis in naming[1:]:
         problems.add("axes-diagrams", f"'{axis.name}' and '{naming[0].name}' both name diagrams; a case has one", axis.place,
@@ -154,7 +156,7 @@ def _sampled(name: str, entry: Mapping, place: Place, problems: Problems) -> Axi
         settings = {}
         for path, value in values.items():
             unit, at = sampling.over[path].unit, over.items[path].place
-            own = None if sampling.kind == SEEDS else unit     # a whole number has none
+            own = None if sampling.kind == SEEDS else unit  # a whole number has no unit
             settings[path] = Setting(path, Value(Number(value, own, 0), unit.written(value), at), at)
         levels.append(Level(point, settings, values=values, along=tuple(sampling.over) if sampling.kind == "local" else ()))
     return Axis(name, tuple(levels), place, sampling=sampling)
@@ -215,7 +217,7 @@ def read_numbers(node: Node, name: str, problems: Problems) -> Numbers | None:
 
 
 def _spaced(node: Mapping, name: str, problems: Problems) -> list[Scalar] | None:
-    """`{from:, to:, number:}` written out, in the unit of `from`."""
+    """`{from:, to:, number:}` as a list, in the unit of `from`."""
     reading.known_keys(node, ("set", *SPACED), f"'{name}'", problems, required=SPACED)
     ends = [_quantity(node.items.get(key), f"{name}, {key}", problems) for key in ("from", "to")]
     count = _quantity(node.items.get("number"), f"{name}, number", problems)

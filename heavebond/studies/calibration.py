@@ -40,7 +40,7 @@ from heavebond.studies.study import Calibration, Procedure, Study
 
 # Residual of each target of a failed case, in widths.
 BROKEN = 30.0
-# A gain within this share of its range from a bound is held at the bound when other parameters change.
+# A gain within this share of its range from a bound stays at the bound when other parameters change.
 AT_END = 1e-3
 MOST = 30  # largest number of evaluations by the least squares solver
 RETUNED = 12  # largest number of steps of a tuning that starts at the gains of the previous values
@@ -62,8 +62,8 @@ class Residual:
 
 @dataclass(frozen=True)
 class Calibrated:
-    """Result of a calibration, in SI: values before and after, those that ended at a bound of their range (`low`, `high`),
-    the quantities with their targets, and the sum of squares after each evaluation."""
+    """Result of a calibration, in SI: values before and after, parameters at a bound of their range (`low`, `high`), the
+    quantities with their targets, and the sum of squares after each evaluation."""
 
     values: Mapping[str, tuple[float, float]]
     at_end: Mapping[str, str]
@@ -97,8 +97,8 @@ class Point:
 
 def calibrate(study: Study, executor: Executor | None = None, ahead: int = 1, progress: Progress | None = None
               ) -> Calibrated:
-    """Estimate the values under `calibrate:`. Cases run on `executor`, `ahead` at a time. Raises UsageError for parameters
-    that cannot be free, SimulationError where no case can be run at the diagram's own values."""
+    """Estimate the values under `calibrate:`. Cases run on `executor`, `ahead` at a time. Raises UsageError for
+    parameters that cannot be free, SimulationError if no case can be run at the diagram's values."""
     from scipy.optimize import least_squares
 
     solve: Any = least_squares
@@ -143,7 +143,7 @@ class _Problem:
 
     @property
     def start(self) -> Array:
-        """The diagram's own values, clipped to 1 % from the bounds: the search must start in the interior."""
+        """The diagram's values, clipped to 1 % from the bounds: the search must start in the interior."""
         own = [_share(wanted, self.before[name]) for name, wanted in zip(self.names, self.ranges, strict=True)]
         return np.clip(own, 0.01, 0.99)
 
@@ -232,10 +232,8 @@ def _slope(wanted: Range, value: float) -> float:
 
 # -- one case ----------------------------------------------------------------------------------------------------------
 def at_point(study: Study, number: int, gains: Mapping[str, float] | None) -> Point:
-    """A case with the calibrated values of the study: tuned, starting at `gains` where they are given, simulated,
-    differentiated.
-
-    No state is kept between calls, so that the same values give the same point in every process.
+    """A case with the calibrated values of the study: tuned, starting at `gains` if they are given, simulated,
+    differentiated. No state is kept between calls, so that the same values give the same point in every process.
     """
     try:
         assembly, simulations = assembled(study, study.case(number)), 0.0
@@ -261,7 +259,7 @@ def _tuned(study: Study, objective: Objective, gains: Mapping[str, float] | None
 
 
 def _own(study: Study, assembly: Assembly) -> dict[str, float]:
-    """The widths of the ranges of those calibrated parameters that are set in this case."""
+    """The widths of the ranges of the calibrated parameters that are set in this case."""
     assert study.calibration is not None
     return {name: wanted.high - wanted.low for name, wanted in study.calibration.free.items()
             if np.isclose(assembly.parameter_values[name], study.calibrated[name][1], rtol=1e-9, atol=0.0)}
@@ -297,8 +295,8 @@ def _differentiated(study: Study, assembly: Assembly, gains: Mapping[str, float]
 
 
 def _following(objective: Objective, gains: Mapping[str, float], own: Mapping[str, float]) -> dict[str, Array]:
-    """d gains / d p (k,) for each calibrated parameter at an optimum. A gain at a bound of its range is held, and gains at
-    the stability boundary move along it."""
+    """d gains / d p (k,) for each calibrated parameter at an optimum. A gain at a bound of its range is constant, and
+    gains at the stability boundary move along it."""
     shares = objective.shares([gains[name] for name in objective.names])
     moving = [k for k, share in enumerate(shares) if AT_END < share < 1 - AT_END]
     found = {name: np.zeros(len(gains)) for name in own}

@@ -1,4 +1,4 @@
-"""Numbers that others give, beside those of a study: per source, quantity and case.
+"""Published numbers for comparison with a study: per source, quantity and case.
 
     compare_with:
       published:
@@ -6,8 +6,8 @@
         controller.K_p: {0.75 Hz: {with: 3.02 1/m, without: 6.15 1/m}}
         frequency: 0.23 Hz
 
-A mapping names levels of an axis, a list goes along the first axis that is left, a single quantity holds for all that is
-left; `-` stands where there is no number.
+A mapping names levels of an axis, a list follows the first remaining axis, a single quantity holds for all remaining
+axes; `-` marks a missing number.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ NONE = "-"
 
 @dataclass(frozen=True)
 class Published:
-    """A number in SI, the unit in which it is given, and where it stands."""
+    """A number in SI, its unit in the file, and its place."""
 
     value: float
     unit: Unit
@@ -38,20 +38,20 @@ class Published:
 
 @dataclass(frozen=True)
 class ReferenceValues:
-    """What one source gives: by quantity, by the index of the case."""
+    """The numbers of one source: by quantity, by the index of the case."""
 
     source: str
     numbers: Mapping[str, Mapping[tuple[int, ...], Published]]
 
     def at(self, quantity: str, index: tuple[int, ...]) -> float | None:
-        """The number in SI, None where the source gives none."""
+        """The number in SI, None if the source has none."""
         found = self.numbers.get(quantity, {}).get(index)
         return found.value if found is not None else None
 
 
 def read_beside(node: Node | None, axes: Sequence[Axis], quantities: Sequence[str], problems: Problems
                 ) -> tuple[ReferenceValues, ...]:
-    """The sources under `compare_with:`; `quantities` are the names that they may give numbers for."""
+    """The sources under `compare_with:`; `quantities` are the permitted names."""
     sources = reading.mapping(node, "compare_with", problems, "Write `published: {QUANTITY: NUMBER}`.")
     found = []
     for source, item in (sources.items if sources else {}).items():
@@ -86,7 +86,7 @@ def _spread(node: Node, name: str, left: dict[int, Axis], chosen: dict[int, int]
 
 
 def _levels(node: Entries | Items, name: str, left: dict[int, Axis], problems: Problems) -> Iterator[tuple[int, int, Node]]:
-    """Which axis, which level of it, and what stands there."""
+    """Axis, level, and value of each entry."""
     if not left:
         problems.add("beside-deep", f"{name}: no axis is left along which these numbers could go", node.place,
                      hint="Write one quantity here.")
@@ -107,7 +107,7 @@ def _levels(node: Entries | Items, name: str, left: dict[int, Axis], problems: P
 
 
 def _matched(node: Entries, axis: Axis) -> list[tuple[int, Node]]:
-    """The levels that the keys name; none where a key names no level."""
+    """The levels of the keys; empty if a key is not a level."""
     found = []
     for key, item in node.items.items():
         at = next((k for k, level in enumerate(axis.levels) if _same(key, level.name, level.value)), None)

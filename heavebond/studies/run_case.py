@@ -1,4 +1,4 @@
-"""One case of a study worked out: assembled, tuned where that is asked, run, measured; and what is told before any run."""
+"""One case of a study: assembly, tuning if requested, run, measurement; and the checks before any run."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ from heavebond.studies.shared_runs import measured_together, run_times
 from heavebond.studies.study import COST, SIMULATIONS, Calibration, Measure, PackedCase, Procedure, Study
 from heavebond.text.expression import ExpressionProblem, names
 
-# Signals of pictures are kept to so many digits, on at most so many points.
+# Digits, and largest number of points, of stored signals of pictures.
 DIGITS = 7
 MOST_POINTS = 5000
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came out of one case by one procedure (empty where nothing is tuned): numbers in SI by name, the limits of the
-    tuning (above zero where exceeded), the modes, signals over time in their units; slopes of numbers by parameters and
-    these parameters (`at`), in SI, where that is asked for; the margins of stability of what was tuned, with its `words`,
-    and the parameters at an end of their range; what left its range (`outside`, a sentence); or the problem that kept it
-    from it: a run that means nothing is one; the `solver` of the run that was measured."""
+    """The outcome of one case by one procedure (empty without tuning): numbers in SI by name, the limits of the tuning
+    (above zero if exceeded), the modes, signals over time in their units; slopes of numbers by parameters and these
+    parameters (`at`), in SI, if requested; the margins of stability of the tuned machine, with its `words`, and the
+    parameters at an end of their range; the variables that left their range (`outside`, a sentence); or the problem
+    that prevented a result, which includes invalid runs; the `solver` of the measured run."""
 
     case: int
     procedure: str = ""
@@ -69,16 +69,15 @@ class Outcome:
 
     @property
     def unstable(self) -> bool:
-        """Whether what was tuned is known not to be stable: it meets nothing."""
+        """True if the tuned machine is known to be unstable: it agrees with no published number."""
         return self.stability.get("stable") is False
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
         return asdict(self)
 
 
 def worked(given: Study | PackedCase, number: int, procedure: Procedure | None, progress: Progress | None = None) -> Outcome:
-    """The case of that number; what goes wrong in this case is part of what came out."""
+    """Compute the case of that number; an error in this case is part of its outcome."""
     began = clock.perf_counter()
     study = given.study if isinstance(given, PackedCase) else given
     name = procedure.name if procedure is not None else ""
@@ -89,7 +88,7 @@ def worked(given: Study | PackedCase, number: int, procedure: Procedure | None, 
         found = Outcome(number, problem=first.message + (f" {first.hint}" if first.hint else ""))
     except Stopped:
         raise
-    except Exception as error:  # a fault of the program in one case must not cost the others, which may be hours of work
+    except Exception as error:  # a fault of the program in one case must not discard the others, which may be hours of work
         found = Outcome(number, problem=f"the program failed: {type(error).__name__}: {error}")
     return replace(found, case=number, procedure=name, seconds=clock.perf_counter() - began)
 
@@ -134,7 +133,7 @@ def _solver(run: Result | None) -> str:
 
 
 def assembled(study: Study, case: StudyCase) -> Assembly:
-    """The diagram of a case, with what was calibrated: a case in which such a parameter has a value of its own keeps it."""
+    """The diagram of a case with calibrated values; a case that sets such a parameter keeps its value."""
     assembly = assemble(case.model, named_in(study))
     own = assembly.parameter_values
     return assembly.with_parameters({name: after for name, (before, after) in study.calibrated.items()
@@ -142,7 +141,6 @@ def assembled(study: Study, case: StudyCase) -> Assembly:
 
 
 def tuned_by(problem: Objective, procedure: Procedure, progress: Progress | None = None) -> Tuned:
-    """The free parameters tuned by a procedure of a study."""
     if procedure.sweeps:
         return sweep_in_turn(problem, procedure.begin, procedure.sweeps, progress=progress)
     return tune(problem, problem.task, explore=procedure.explore, starts=procedure.starts, method=procedure.method,
@@ -152,8 +150,8 @@ def tuned_by(problem: Objective, procedure: Procedure, progress: Progress | None
 # -- measuring ---------------------------------------------------------------------------------------------------------
 def measured(study: Study, assembly: Assembly, by: Sequence[str] = ()
              ) -> tuple[dict[str, float], Result | None, dict[str, dict[str, float]]]:
-    """The measured numbers in SI, the run that they are of (none where only modes are asked for), and their exact
-    derivatives by parameters (`ref(...)` held)."""
+    """The measured numbers in SI, their run (None if only modes are requested), and their exact derivatives by parameters
+    (`ref(...)` constant)."""
     costs = [read_cost(assembly, measure.text) for measure in study.measures.values()]
     modes = study.modes or {}
     if not by and not study.signals and all(f.kind in NUMBERS for cost in costs for f in cost.functionals):
@@ -163,7 +161,7 @@ def measured(study: Study, assembly: Assembly, by: Sequence[str] = ()
     simulator = Simulator(assembly, times=times, dense=True)
     run = simulator.run()
     if evaluator.integrated:
-        # the sizes of signals first: a 32nd power of plain newtons would drown everything
+        # the sizes of signals first: a 32nd power of plain newtons would dominate
         evaluator.resized(evaluator.largest(run))
         simulator = Simulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors,
                               dense=True)
@@ -184,7 +182,7 @@ def measured(study: Study, assembly: Assembly, by: Sequence[str] = ()
 
 
 def _of_modes(assembly: Assembly, costs: Sequence[Cost], settings: Mapping[str, float | str]) -> Iterator[float]:
-    """Costs of modes alone."""
+    """Costs that contain modes only."""
     if not costs:
         return
     at_start = ModesAtStart(assembly.with_parameters(settings))
@@ -222,11 +220,10 @@ def _modes(study: Study, assembly: Assembly) -> tuple[dict[str, Any], ...]:
     return tuple(found)
 
 
-# -- what can be told before any run -----------------------------------------------------------------------------------
+# -- checks before any run -----------------------------------------------------------------------------------------------
 def checked(study: Study) -> dict[str, Unit]:
-    """The unit in which each number is told; ModelError with places in the study file for what is wrong in it.
-
-    Diagrams are assembled so often that every level of every axis has been met once.
+    """The display unit of each number; ModelError with places in the study file for mistakes in it. Diagrams are
+    assembled so often that every level of every axis occurs once.
     """
     problems, found = Problems(), {}
     for case in _covering(study):
@@ -242,7 +239,7 @@ def checked(study: Study) -> dict[str, Unit]:
 
 
 def _check_along(study: Study, assembly: Assembly, problems: Problems) -> None:
-    """What slopes are taken by are parameters, with ranges of their kind."""
+    """Check that slopes are taken by parameters, with ranges in their units."""
     axis = study.sample
     units = {q.name: q.unit for q in assembly.flat.parameters}
     for name in axis.levels[0].along if axis is not None else ():
@@ -256,7 +253,7 @@ def _check_along(study: Study, assembly: Assembly, problems: Problems) -> None:
 
 
 def own_values(model: Model, calibration: Calibration) -> dict[str, float]:
-    """What the diagram has where something is to be calibrated; UsageError for no parameter, or another unit."""
+    """Values of the calibrated parameters in the diagram; UsageError for an unknown parameter or another unit."""
     assembly = assemble(model)
     check_ranges({q.name: q.unit for q in assembly.flat.parameters}, calibration.free, assembly.flat.limits,
                  assembly.flat.origins.of_name)
@@ -264,10 +261,10 @@ def own_values(model: Model, calibration: Calibration) -> dict[str, float]:
 
 
 def _covering(study: Study) -> list[StudyCase]:
-    """Cases in which every variant occurs; of a parameter's values, which are of one kind, the first is enough."""
+    """Cases in which every variant occurs; for a parameter's values, which are of one kind, the first is sufficient."""
     numbers = [len(axis.levels) if axis.unit is None and axis.sampling is None else 1 for axis in study.axes]
     wanted = dict.fromkeys(tuple(min(k, number - 1) for number in numbers) for k in range(max(numbers, default=1)))
-    # of a sample all that is set anywhere, though one point may set one parameter only
+    # for a sample all parameters that any point sets
     sampled = [level.settings for axis in study.axes if axis.sampling is not None for level in axis.levels[-1:0:-1]]
     cases = [case_at(study.axes, study.model, index) for index in wanted]
     return [replace(case, model=changed(case.model, sampled)) for case in cases]
@@ -322,7 +319,7 @@ def _check_signal(assembly: Assembly, name: str) -> None:
 
 
 def _check_published(study: Study, units: Mapping[str, Unit], problems: Problems) -> None:
-    """What others give is of the same kind as what is measured."""
+    """Check that published numbers have the units of the measured ones."""
     for beside in study.beside:
         for name, numbers in beside.numbers.items():
             for given in numbers.values():
@@ -338,7 +335,7 @@ def _check_published(study: Study, units: Mapping[str, Unit], problems: Problems
 
 @contextmanager
 def relocated(place: Place | None, problems: Problems) -> Iterator[None]:
-    """Inside, what is wrong in a formula, or in a value that a file gives, is noted at its place in the file."""
+    """Inside, report an error in a formula, or in a value from a file, at its place in the file."""
     try:
         yield
     except UsageError as error:
@@ -349,7 +346,7 @@ def relocated(place: Place | None, problems: Problems) -> Iterator[None]:
 
 
 def named_in(study: Study) -> set[str]:
-    """Names that no equation may use and the study still wants: positions among them."""
+    """Names that the study needs although no equation uses them, for example positions."""
     texts = [*(m.text for m in study.measures.values()), *study.signals,
              *((study.task.cost, *study.task.limits) if study.task is not None else ())]
     found: set[str] = set()

@@ -1,10 +1,10 @@
-"""Where uncertain parameters are tried: points drawn from what is declared of them.
+"""Sampling of uncertain parameters from their declared ranges.
 
 A range `20 .. 60 kN/m` is uniform. `42 kN/m +- 20 %` is normal about its middle, with half the tolerance as its standard
-deviation, and cut off at the tolerance: nothing lies beyond what is declared.
+deviation, and truncated at the tolerance: no point lies outside the declared range.
 
-Sobol sequence: I. M. Sobol, USSR Comput. Math. Math. Phys. 7 (1967) 86-112, doi:10.1016/0041-5553(67)90144-9, scrambled as
-in SciPy. Points for variance-based indices: A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270,
+Sobol sequence: I. M. Sobol, USSR Comput. Math. Math. Phys. 7 (1967) 86-112, doi:10.1016/0041-5553(67)90144-9, scrambled
+as in SciPy. Points for variance-based indices: A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270,
 doi:10.1016/j.cpc.2009.09.018.
 """
 
@@ -26,21 +26,21 @@ from heavebond.text.yaml_source import Mapping as Entries
 from heavebond.text.yaml_source import Node, Scalar
 
 Array = NDArray[np.float64]
-DRAWN = ("sobol", "latin_hypercube", "random", "sobol_indices")  # with the number of points
+DRAWN = ("sobol", "latin_hypercube", "random", "sobol_indices")  # kinds with a number of points
 SEEDS = "seeds"
 NAMED = ("one_at_a_time", "local", SEEDS)
 KINDS = (*DRAWN, *NAMED)
-BALANCED = ("sobol", "sobol_indices")  # need a power of two
+BALANCED = ("sobol", "sobol_indices")  # kinds that need a power of two
 MOST = 100_000
-CUT = 2.0  # standard deviations at which a normal distribution is cut off
+CUT = 2.0  # standard deviations at which a normal distribution is truncated
 AS_GIVEN = "as given"
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """How points are drawn over parameters (ranges in SI): `number` of them for the kinds in DRAWN; `one_at_a_time` moves
-    each parameter to both ends, `local` asks for slopes at the diagram's own values, `seeds` takes every whole number of the
-    ranges, which are equally many: independent realisations of what is random in the diagram."""
+    """A sampling of parameters (ranges in SI): `number` points for the kinds in DRAWN; `one_at_a_time` moves each
+    parameter to both ends, `local` requests slopes at the diagram's values, `seeds` takes every whole number of the
+    ranges, which have equal lengths: independent realisations of random inputs of the diagram."""
 
     kind: str
     over: Mapping[str, Range]
@@ -49,7 +49,7 @@ class Sampling:
 
 
 def distribution(wanted: Range) -> Any:
-    """What is declared of a parameter as a distribution of SciPy."""
+    """The distribution of a declared range, from SciPy."""
     from scipy.stats import truncnorm, uniform
 
     if wanted.nominal is None:
@@ -59,10 +59,10 @@ def distribution(wanted: Range) -> Any:
 
 
 def points(sampling: Sampling) -> Array:
-    """The points (n, m) in SI; NaN where a parameter stays as it is in the diagram.
+    """The points (n, m) in SI; NaN for a parameter with its value in the diagram.
 
-    `sobol_indices` gives n = number (m + 2) points: the rows of A, of B, then for each parameter those of A with its column
-    from B. The same sampling gives the same points on every machine.
+    `sobol_indices` gives n = number (m + 2) points: the rows of A, of B, then for each parameter the rows of A with its
+    column from B. The same sampling gives the same points on every machine.
     """
     m = len(sampling.over)
     if sampling.kind == "local":
@@ -94,7 +94,7 @@ def _shares(sampling: Sampling, dimensions: int) -> Array:
 
 
 def names(sampling: Sampling) -> list[str]:
-    """A name for each point: its number, or which parameter stands at which end."""
+    """A name for each point: its number, or the parameter and its end."""
     if sampling.kind == "local":
         return [AS_GIVEN]
     if sampling.kind == "one_at_a_time":
@@ -134,7 +134,7 @@ def read_ranges(node: Node | None, what: str, problems: Problems) -> dict[str, R
 
 
 def _are_seeds(over: Mapping[str, Range]) -> bool:
-    """Whether the ranges have whole ends and hold equally many numbers."""
+    """True if the ranges have whole ends and contain equally many numbers."""
     ends = [(wanted.low, wanted.high) for wanted in over.values()]
     return all(low == round(low) and high == round(high) and 0 <= low <= high for low, high in ends) and \
         len({high - low for low, high in ends}) == 1 and all(wanted.nominal is None for wanted in over.values())

@@ -1,4 +1,4 @@
-"""A study as a file: a diagram, its cases, what is tuned in each, what is measured, and what others say of it."""
+"""A study as a file: a diagram, its cases, the tuning of each, the measured quantities, and published numbers for them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ TUNE_KEYS = ("free", "cost", "limits", "stable", "over", "uncertain", "by")
 ASKED = {"on": True, "off": False}
 GRADIENT_KEYS = ("explore", "starts", "method")
 PICTURES = ("signals", "curves", "map", "histogram", "tornado", "indices")
-# the kinds of samples that a picture can be drawn of
+# the kinds of samples that have pictures
 SAMPLES_OF = {"histogram": ("sobol", "latin_hypercube", "random", "sobol_indices", "seeds"),
               "tornado": ("one_at_a_time", "local"),
               "indices": ("sobol_indices", "local")}
@@ -47,7 +47,7 @@ SIMULATIONS = "simulations"
 
 @dataclass(frozen=True)
 class Measure:
-    """A number of each case: a formula as costs have them, and the unit in which it is told (empty: the base unit)."""
+    """A number of each case: a formula in the syntax of costs, and its display unit (empty: the base unit)."""
 
     name: str
     text: str
@@ -57,8 +57,8 @@ class Measure:
 
 @dataclass(frozen=True)
 class Procedure:
-    """A way of tuning: a sweep of one parameter after the other (values in SI, from `begin` on), or without these a search
-    by gradients."""
+    """A method of tuning: a sweep of one parameter after the other (values in SI, from `begin` on), or without these a
+    search by gradients."""
 
     name: str
     begin: Dictionary[str, float | str] = field(default_factory=dict)
@@ -70,9 +70,9 @@ class Procedure:
 
 @dataclass(frozen=True)
 class Picture:
-    """What is drawn of `names`. `signals`: over time, a line per case; measured numbers as `curves` over the first axis of
-    numbers, a line per other level, as `map` over the first two, as `histogram` of a sample, as `tornado` of what moves
-    them, or their `indices` of sensitivity."""
+    """A picture of `names`. `signals`: over time, a line per case; measured numbers as `curves` over the first numeric
+    axis, a line per other level, as `map` over the first two, as `histogram` of a sample, as `tornado` of the
+    influences, or their sensitivity `indices`."""
 
     name: str
     title: str
@@ -85,8 +85,8 @@ class Picture:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What is sought so that measured or tuned quantities come near the numbers of a source (its index under
-    `compare_with:`): parameters and ranges, and how near each quantity should come, relative to the number given."""
+    """Calibration of measured or tuned quantities to the numbers of a source (its index under `compare_with:`):
+    parameters and ranges, and the permitted deviation of each quantity, relative to the given number."""
 
     free: Dictionary[str, Range]
     targets: Dictionary[str, float]
@@ -95,9 +95,9 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Study:
-    """What a study file says. `task` is what is tuned in each case, by each of the procedures; None where nothing is.
-    `calibrated` are parameters that are set on top (SI: before, after), in the cases in which they have the value before.
-    `first` is the number of its first case, where the others were left out (`PackedCase`), of `in_all` cases."""
+    """Content of a study file. `task` is the tuning of each case, by each of the procedures; None without tuning.
+    `calibrated` are parameters that are set in addition (SI: before, after), in the cases in which they have the value
+    before. `first` is the number of its first case, if others were removed (`PackedCase`), of `in_all` cases."""
 
     name: str
     summary: str
@@ -124,7 +124,7 @@ class Study:
 
     @property
     def total(self) -> int:
-        """The number of cases, also where all but one were left out."""
+        """The number of cases, including removed ones."""
         return self.in_all or prod(len(axis.levels) for axis in self.axes)
 
     @property
@@ -137,7 +137,7 @@ class Study:
         return case_at(self.axes, self.model, self._index(number))
 
     def packed(self) -> Callable[[int], PackedCase]:
-        """Case `number` as it is sent to a worker; what all cases share is serialised once."""
+        """Case `number` in the form that is sent to a worker; common data are serialised once."""
         shared = packed(replace(self, axes=(), in_all=self.total))
 
         def one(number: int) -> PackedCase:
@@ -172,7 +172,7 @@ class Study:
 
 @dataclass(frozen=True)
 class PackedCase:
-    """One case of a study on its way to a worker; small however many cases there are."""
+    """One case of a study for a worker; its size is independent of the number of cases."""
 
     shared: bytes
     axes: tuple[Axis, ...]
@@ -180,7 +180,7 @@ class PackedCase:
 
     @property
     def study(self) -> Study:
-        """The study of that case alone, which keeps its number."""
+        """The study reduced to that case, which keeps its number."""
         return replace(_unpacked(self.shared), axes=self.axes, first=self.number)
 
 
@@ -194,7 +194,7 @@ def _unpacked(shared: bytes) -> Study:
 def load_study(name: str | Path) -> Study:
     """Load a study: the path of a file, or the `name` of a bundled one (`cmc_ahc/quality_index`).
 
-    Raises UsageError where there is no such file, ModelError with the lines that are wrong.
+    Raises UsageError if the file does not exist, ModelError with the lines that are wrong.
     """
     return study_from_source(read(find(name, "study")))
 
@@ -215,7 +215,7 @@ def study_from_source(source: Source) -> Study:
 
 
 def _known_keys(root: Mapping, problems: Problems) -> None:
-    """What is meant for `tune:` is told to belong there."""
+    """Report keys outside `tune:` that belong there."""
     strayed = [key for key in TUNE_KEYS if key in root.items]
     for key in strayed:
         problems.add("key-strayed", f"'{key}' belongs under `tune:`", root.keys[key].place,
@@ -275,7 +275,7 @@ def _task(entry: Mapping, source: Source, window: tuple[float, float | None], re
 
 
 def _stable(node: Node | None, problems: Problems) -> bool | None:
-    """Whether the tuned machine must be stable at rest: it must unless `stable: off` is said; None without the key."""
+    """True if the tuned machine must be stable at rest, False for `stable: off`; None without the key."""
     if node is None:
         return None
     said = reading.text(node, "stable", problems, "on")
@@ -295,7 +295,7 @@ def _window(node: Node | None, what: str, problems: Problems) -> tuple[float | N
 
 
 def _widths(node: Node | None, problems: Problems) -> dict[str, str]:
-    """Uncertainties as written; they are compared with the parameters where these are known."""
+    """Uncertainties as written; they are compared with the parameters later."""
     entries = reading.mapping(node, "uncertain", problems)
     found: dict[str, str] = {}
     for name, item in (entries.items if entries else {}).items():
@@ -313,7 +313,7 @@ def _widths(node: Node | None, problems: Problems) -> dict[str, str]:
 
 
 def _values(node: Node | None, source: Source, problems: Problems) -> dict[str, float | str]:
-    """Quantities as written; their units are checked where they are set."""
+    """Quantities as written; their units are checked when they are set."""
     found: dict[str, float | str] = {}
     for path, setting in read_settings(node, source, problems).items():
         if isinstance(setting.value, FileInput) or setting.value.formula:

@@ -1,4 +1,4 @@
-"""Many runs asked for in a few words, written as the study that they are: a file to go on from."""
+"""Sweeps from command line options, written as a study file that can be run again."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EXAMPLE = "Write for example --over controller.K_p='1 .. 4 1/m; 9', or a list: -
 
 @dataclass(frozen=True)
 class SweepAxis:
-    """What is varied: a list of values, or a range with a number of steps, or a range alone, which is sampled."""
+    """A varied parameter: a list of values, or a range with a number of steps, or a range that is sampled."""
 
     path: str
     values: tuple[str, ...] = ()
@@ -30,9 +30,9 @@ class SweepAxis:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep of a diagram: what is varied, how ranges are sampled (`sobol:64`, `one_at_a_time`; empty: on a grid), the
-    formulas that are measured, each with its unit or an empty text, the window (times as text), and which extreme is sought
-    instead. It is the sweep of `name`, without one of the file's."""
+    """A sweep of a diagram: the axes, the sampling of ranges (`sobol:64`, `one_at_a_time`; empty: on a grid), the
+    measured formulas, each with its unit or an empty text, the window (times as text), and the extreme that is sought
+    instead. `name` replaces a sweep in the file."""
 
     model: Path
     overs: tuple[SweepAxis, ...]
@@ -64,13 +64,13 @@ def read_over(text: str) -> SweepAxis:
 
 
 def read_measure(text: str) -> tuple[str, str]:
-    """`peak(WOB - 30 kN) in kN` as formula and unit; the unit is empty where none is said."""
+    """`peak(WOB - 30 kN) in kN` as formula and unit; the unit may be empty."""
     formula, word, unit = text.rpartition(" in ")
     return (formula.strip(), unit.strip()) if word else (text.strip(), "")
 
 
 def study_text(sweep: Sweep, folder: Path) -> str:
-    """The study of a sweep, to stand in a folder; UsageError where it is not said how a range is to be tried."""
+    """The study of a sweep, for a folder; UsageError if a range has no steps and no sampling."""
     sampled = [over for over in sweep.overs if over.range and not over.number]
     if sampled and not (sweep.sample or sweep.worst):
         first = f"{sampled[0].path}='{sampled[0].range}"
@@ -100,7 +100,7 @@ def study_text(sweep: Sweep, folder: Path) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A text as YAML has it, whatever stands in it."""
+    """A text as a YAML scalar, for any content."""
     return json.dumps(text, ensure_ascii=False)
 
 
@@ -137,7 +137,7 @@ def _sample(sweep: Sweep) -> str:
 
 
 def _pictures(sweep: Sweep) -> list[str]:
-    """What can be drawn of what is varied."""
+    """The pictures that suit the axes."""
     shown = f"[{', '.join(_quoted(text) for text, _ in sweep.measures)}]"
     number = sum(1 for over in sweep.overs if over.number or over.values)
     kind = sweep.sample.partition(":")[0].strip()

@@ -1,4 +1,4 @@
-"""What is to be tuned: the task of a study, or of a diagram with free parameters and a cost."""
+"""Tuning of a study, or of a diagram with free parameters and a cost, from command line options."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from heavebond.numerics.dae import Assembly
 from heavebond.optimise.objective import TuningProblem
 from heavebond.studies.study import load_study
 
-TIMES = 3  # a free parameter without a range may grow to so many times its value
+TIMES = 3  # upper limit of a free parameter without a range, as a multiple of its value
 
 
 @dataclass(frozen=True)
 class TuningRequest:
-    """What is to be tuned in which diagram, and how that is called."""
+    """The tuning task, its diagram, and its name."""
 
     name: str
     model: Model
@@ -28,7 +28,7 @@ class TuningRequest:
 
 def tuning_request(name: str, cost: str | None, limits: Sequence[str], evaluate: str | None,
                    reference: Mapping[str, str]) -> TuningRequest:
-    """The task of the study `name`, with what is given besides in its place; for a diagram what is given alone."""
+    """The task of the study `name`, with options in place of its entries; for a diagram the options only."""
     try:
         study = load_study(name)
         model, task, name = study.model, study.tuning, study.name
@@ -58,8 +58,8 @@ def _seconds(text: str) -> tuple[float, float]:
 
 
 def with_free(assembly: Assembly, task: TuningProblem, texts: Sequence[str]) -> TuningProblem:
-    """The task with further free parameters, `NAME` or `NAME=RANGE`; one without a range may go from 0 to three times its
-    value."""
+    """The task with further free parameters, `NAME` or `NAME=RANGE`; one without a range may vary from 0 to three times
+    its value."""
     found: dict[str, Range] = {}
     units = {q.name: q.unit for q in assembly.flat.parameters}
     for part in (part.strip() for text in texts for part in text.split(",") if part.strip()):

@@ -1,10 +1,10 @@
 """Uncertainty and sensitivity analysis of a sample: statistics, Sobol indices, derivatives at one point.
 
-With y = f(x) and independent x, the index of first order is S_i = Var(E(y | x_i))/Var(y), that of total order
-1 - Var(E(y | all but x_i))/Var(y): the share of x_i alone, and with all interactions. Both are estimated by
-`scipy.stats.sobol_indices` (A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270,
-doi:10.1016/j.cpc.2009.09.018), with bootstrapped intervals. To first order at one point the share is
-(dy/dx_i s_i)**2 / sum_j (dy/dx_j s_j)**2, s the standard deviations.
+With y = f(x) and independent x, the index of first order is S_i = Var(E(y | x_i))/Var(y), the index of total order 1 -
+Var(E(y | all but x_i))/Var(y): the share of x_i alone, and with all interactions. Both are estimated by
+`scipy.stats.sobol_indices` (A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270, doi:10.1016/j.cpc.2009.09.018),
+with bootstrapped intervals. To first order at one point the share is (dy/dx_i s_i)**2 / sum_j (dy/dx_j s_j)**2, s the
+standard deviations.
 """
 
 from __future__ import annotations
@@ -25,15 +25,16 @@ from heavebond.studies.study import SIMULATIONS
 QUANTILES = (0.05, 0.5, 0.95)
 RESAMPLED = 500  # bootstrap samples for an interval
 CONFIDENCE = 0.95
-INDEPENDENT = ("random", SEEDS)  # kinds of samples whose points are independent, so that their mean has an interval
+INDEPENDENT = ("random", SEEDS)  # kinds of samples with independent points, so that their mean has an interval
 LEAST = 8  # smallest number of points for indices
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Statistics of a quantity over the sample, in its display unit, at levels `others` of the other axes; `failed` is the
-    number of cases without a value. Of a sample for Sobol indices only the independently drawn points count. `interval` is
-    the 95 % interval of the mean, mean +- t s/sqrt(n) with Student's t; NaN where the points are not independent."""
+    """Statistics of a quantity over the sample, in its display unit, at levels `others` of the other axes; `failed` is
+    the number of cases without a value. In a sample for Sobol indices only the independently drawn points count.
+    `interval` is the 95 % interval of the mean, mean +- t s/sqrt(n) with Student's t; NaN if the points are not
+    independent."""
 
     quantity: str
     others: str
@@ -63,7 +64,7 @@ class Indices:
 
 @dataclass(frozen=True)
 class Slopes:
-    """First-order changes of a quantity at the diagram's own values (m,): `percent` for 1 % more of a parameter, `swing` for
+    """First-order changes of a quantity at the diagram's values (m,): `percent` for 1 % more of a parameter, `swing` for
     half the width of its range, both in the display unit; `share` of the variance to first order."""
 
     quantity: str
@@ -77,7 +78,7 @@ class Slopes:
 
 @dataclass(frozen=True)
 class TornadoBar:
-    """A quantity at the diagram's own values (`value`), and with one parameter at the ends of its range."""
+    """A quantity at the diagram's values (`value`), and with one parameter at the ends of its range."""
 
     parameter: str
     value: float
@@ -113,7 +114,7 @@ def _sampling(result: StudyResult, *kinds: str) -> Sampling | None:
 
 
 def drawn(result: StudyResult, quantity: str, outcomes: dict[int, Outcome]) -> Array:
-    """A quantity at the independently drawn points (n,), NaN where a case failed."""
+    """A quantity at the independently drawn points (n,), NaN if a case failed."""
     sampling = _sampling(result, *DRAWN, SEEDS)
     assert sampling is not None
     if sampling.kind == SEEDS:
@@ -159,7 +160,7 @@ def indices(result: StudyResult) -> list[Indices]:
             values = np.full((len(sampling.over) + 2) * sampling.number, np.nan)
             for k, outcome in outcomes.items():
                 values[k] = result.value(outcome, quantity)
-            # rows in which A, B and all mixtures have a value; the largest power of two of them
+            # rows in which A, B and all mixtures have a value, reduced to a power of two
             table = values.reshape(len(sampling.over) + 2, sampling.number)
             table = table[:, np.isfinite(table).all(axis=0)]
             if table.shape[1] >= LEAST:
@@ -184,7 +185,7 @@ def _estimated(table: Array) -> tuple[Array, Array]:
     """Indices of first and total order (m,)."""
     from scipy.stats import sobol_indices
 
-    # duplicated, as SciPy drops the axes of one quantity of one parameter
+    # duplicated, because SciPy drops the axes of one quantity of one parameter
     both = np.stack([table, table], axis=1)
     found: Any = sobol_indices(func={"f_A": both[0], "f_B": both[1], "f_AB": both[2:]}, n=table.shape[1])
     first, total = (np.reshape(values, (2, len(table) - 2))[0] for values in (found.first_order, found.total_order))
@@ -192,7 +193,7 @@ def _estimated(table: Array) -> tuple[Array, Array]:
 
 
 def slopes(result: StudyResult) -> list[Slopes]:
-    """Derivatives of every measured quantity at the diagram's own values by sensitivities, the largest share first."""
+    """Derivatives of every measured quantity at the diagram's values by sensitivities, the largest share first."""
     sampling = _sampling(result, "local")
     found = []
     for others, outcomes in groups(result) if sampling is not None else ():
