@@ -472,7 +472,7 @@ def test_new_takes_clock_times_by_their_look_and_lists_what_a_column_may_be(fold
     Path("log.csv").write_text("Datum;Heizung kW;Tempo\n;kW;°C\n" + "\n".join(rows) + "\n", encoding="utf-8")
     found = figures("new", "measured.yaml", "--from", "heated.yaml", "log.csv")
     assert [(c["name"], c["role"]) for c in found["columns"]] == [("Datum", "time"), ("Heizung kW", "input"), ("Tempo", "")]
-    assert "no column was recognised as an output: say under `outputs:` what was measured" in found["remarks"]
+    assert "no column was recognised as an output: give the measured quantities under `outputs:`" in found["remarks"]
     text = Path("measured.yaml").read_text(encoding="utf-8")
     assert "#   oil.T: {column: Tempo, unit: degC}   # or air.T" in text
     Path("measured.yaml").write_text(text.replace("#   oil.T", "  oil.T"), encoding="utf-8")

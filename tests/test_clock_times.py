@@ -51,7 +51,7 @@ def test_moments_are_read(cells: list[str], seconds: list[float]) -> None:
 
 
 @pytest.mark.parametrize(("cells", "row", "said"), [
-    (["01/02/2024 12:00", "02/02/2024 12:00"], 0, "'01/02/2024 12:00' does not tell which is the day and which the month"),
+    (["01/02/2024 12:00", "02/02/2024 12:00"], 0, "'01/02/2024 12:00' is ambiguous: day and month could be exchanged"),
     (["12:05", "12:06"], 0, "'12:05' may be hours and minutes, or minutes and seconds"),
     (["", "12:00:03", "12:00:61"], 2, "'12:00:61' is neither a number nor"),
     (["2024-05-01 12:00", "2024-05-32 12:00"], 1, "'2024-05-32 12:00' is neither a number nor"),

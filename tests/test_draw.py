@@ -429,7 +429,7 @@ def test_a_part_is_turned_as_its_place_says(turn: int) -> None:
     drawn = laid_out(hb.loads(text.replace("at: [2, 1]", f"at: [2, 1, {turn}]")))
     damper = next(item for item in drawn.items if item.part.name == "damper")
     assert damper.shape.turn[:2] == {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}[turn]
-    with pytest.raises(HeavebondError, match="is not turned by 45 degrees"):
+    with pytest.raises(HeavebondError, match="cannot be rotated by 45 degrees"):
         hb.loads(text.replace("at: [2, 1]", "at: [2, 1, 45]"))
 
 

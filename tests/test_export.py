@@ -27,7 +27,7 @@ from heavebond.language.library import bundled
 from heavebond.numerics.result import with_held
 
 COMPILER = next((found for name in ("cc", "gcc", "clang") if (found := shutil.which(name))), None)
-compiled = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler here")
+compiled = pytest.mark.skipif(COMPILER is None, reason="no C compiler is installed")
 
 # two orifices in series with nothing between them: their common pressure is an algebraic unknown
 LOOP = """

@@ -150,7 +150,7 @@ def test_a_variant_in_another_folder_knows_the_functions_of_both(folder: Callabl
     ({"drag": ("  P = F*v                   # power\n", "")}, "function-output", "no line gives the output 'P'"),
     ({"drag": ("P = F*v ", "F = F*v ")}, "function-given-twice", "'F' is given by a line above already"),
     ({"drag": ("P = F*v ", "v = F*v ")}, "function-given-twice", "'v' is an input already"),
-    ({"drag": ("P = F*v ", "P = F*der(v)")}, "function-refused", "der() has no place in a function"),
+    ({"drag": ("P = F*v ", "P = F*der(v)")}, "function-refused", "der() is not permitted in a function"),
     ({"drag": ("P = F*v ", "P = floor(F*v/1)")}, "function-refused", "jumps"),
     ({"drag": ("P = F*v ", "P = F*time*v ")}, "name-unknown", "'time' is not given"),
     ({"drag": ("P = F*v   ", "P + F = F*v   ")}, "function-left", "one name"),

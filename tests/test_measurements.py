@@ -194,7 +194,7 @@ def test_repeated_and_decreasing_times(tmp_path: Path) -> None:
     assert where(caught.value) == [("record-time-repeated", 4, 1), ("record-time-decreasing", 7, 1)]
     assert "the time 1 in 't' stands twice (line 4)" in str(caught.value)
     assert "the time 0 in 't' is less than the one before it (line 7)" in str(caught.value)
-    assert "make it a record of its own" in str(caught.value) and "one row per instant" in str(caught.value)
+    assert "make it a separate record" in str(caught.value) and "one row per instant" in str(caught.value)
 
 
 def test_rows_without_time_or_value(tmp_path: Path) -> None:

@@ -196,7 +196,7 @@ def _looked_up(text: str) -> Unit:
     offset = float(zero.magnitude)
     scale = float(f"{(float(many.magnitude) - offset) / 1e6 if offset else float(one.magnitude):.16g}")
     if not (isfinite(scale) and scale > 0):
-        raise UnitProblem("unit-unknown", f"'{text}' cannot be counted in base units", _unit_hint(text))
+        raise UnitProblem("unit-unknown", f"'{text}' cannot be converted to base units", _unit_hint(text))
     counts = "cycles" if "hertz" in names else "angle" if names & ANGLES else ""
     return Unit(text, scale, offset, dimension, counts)
 

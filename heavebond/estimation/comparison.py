@@ -472,8 +472,8 @@ def _check_output(assembly: Assembly, name: str, output: Output, problems: Probl
             reading.add_expression_problem(problem, output.shown.place, problems)
             return
         if weight == 0:
-            problems.add("unit-offset", f"output '{name}' is a difference of temperatures; {output.shown.unit} counts "
-                         "from an origin of its own", output.place,
+            problems.add("unit-offset", f"output '{name}' is a difference of temperatures; {output.shown.unit} has an "
+                         "offset", output.place,
                          hint=f"Write `unit: {interval_unit(output.shown.unit)}`.")
 
 
@@ -487,7 +487,7 @@ def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) 
             hint = "It follows from other parameters by a formula." if name in flat.constants else \
                 f"Give it a value in the diagram first: `initial: {{{inner}: ...}}`." if inner in flat.names else \
                 suggest(name, units) or NAMES_LISTED
-            problems.add("free-unknown", f"'{name}' is not a parameter that may be free", place, hint=hint)
+            problems.add("free-unknown", f"'{name}' cannot be estimated: it is not a numeric parameter", place, hint=hint)
             continue
         unit = units[name]
         if unit.dimension != free.range.unit.dimension:

@@ -260,7 +260,7 @@ def _base(source: Source, chain: tuple[Path, ...], problems: Problems) -> Experi
     target = beside(source.path.parent, reading.text(node, "extends", problems))
     if target.resolve() in (*chain, source.path.resolve()):
         raise ModelError([Problem("extends-circle", f"{source.name} extends itself", node.place,
-                                  "One of them must be an experiment of its own, without `extends:`.")])
+                                  "One of them must be a complete experiment, without `extends:`.")])
     if not target.is_file():
         near = [p.name for p in sorted(source.path.parent.glob("*.yaml"))]
         raise ModelError([Problem("file-missing", f"there is no file {target.name}", node.place,
@@ -334,7 +334,7 @@ class _Reader:
         reading.known_keys(entry, RECORD_KEYS, f"record '{name}'", problems, required=("file", "use"))
         use = reading.text(entry.items.get("use"), "use", problems)
         if use and use not in USES:
-            problems.add("use-unknown", f"'{use}' is no use of a record", entry.items["use"].place,
+            problems.add("use-unknown", f"'{use}' is not a `use:` of a record", entry.items["use"].place,
                          hint=suggest(use, USES) or "Write `use: fit`, `use: validate` or `use: test`.")
         file = entry.items.get("file")
         return Record(
@@ -355,7 +355,7 @@ class _Reader:
             if isinstance(item, Scalar) and item.text in known:
                 found[item.text] = name
             elif isinstance(item, Scalar):
-                self.problems.add("input-unknown", f"there is no input '{item.text}' that '{name}' could take over",
+                self.problems.add("input-unknown", f"there is no input '{item.text}' that '{name}' could replace",
                                   item.place, hint=suggest(item.text, known)
                                   or f"Write `{name}: {{column: ..., unit: ...}}`.")
         return found
@@ -460,7 +460,7 @@ class _Reader:
             return None
         if number <= 0:
             self.problems.add("noise-not-positive", "the noise must be above 0", value.place,
-                              hint="Leave it out where it is not known: that of an output is then estimated.")
+                              hint="Omit it if it is not known: for an output it is then estimated.")
             return None
         return number / channel.scale
 
@@ -492,7 +492,7 @@ def _check_apart(records: Sequence[Record], problems: Problems) -> None:
     for checking in (r for r in records if r.use != "fit"):
         for fitted in (r for r in records if r.use == "fit" and r.origins == checking.origins):
             if _together(fitted, checking) and _same_file(fitted.file, checking.file):
-                problems.add("records-same", f"record '{checking.name}' is to check the fit, but what it holds is fitted as "
+                problems.add("records-same", f"record '{checking.name}' validates the fit, but its data are fitted as "
                              f"'{fitted.name}'", checking.place, hint="Give another record, or another part of the file by "
                              f"`from:` and `to:`; or leave '{checking.name}' out: then the last third is held out.")
 

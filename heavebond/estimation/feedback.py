@@ -71,11 +71,11 @@ def closed_loops(experiment: Experiment, record: Record, channels: Mapping[str, 
                  if (fed := feedback(np.interp(t, time, values), y - model, model)) is not None}
         if found:
             channel, fed = max(found.items(), key=lambda pair: abs(pair[1].correlation))
-            cause = "the machine reacts on its drive, or a controller moves it. A simulation with the measured input is " \
-                "right, but estimates are biased by the noise and by what the model lacks: use as many sensors as there " \
-                "are, and if there is a controller, put it into the diagram" if name in prescribing else \
+            cause = "the machine acts back on its drive, or a controller moves it. A simulation with the measured input " \
+                "is correct, but estimates are biased by the noise and by missing physics: use all sensors, and if there " \
+                "is a controller, add it to the diagram" if name in prescribing else \
                 "it was recorded in closed loop, and a simulation with the measured input is biased by the noise and by " \
-                "what the model lacks; put the controller into the diagram and drive it by the reference"
+                "missing physics; add the controller to the diagram and drive it by the reference"
             notes.append(f"the input {name} follows from the measured {channel} ({fed.words}, both prewhitened): {cause}")
     return tuple(notes)
 

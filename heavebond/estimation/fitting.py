@@ -229,7 +229,7 @@ def fit(experiment: ExperimentOrFile, *, starts: int = 1, segments: int = 1, see
     if problem.broken(best.x) >= 0.5:
         raise SimulationError([Problem("fit-broken", "the model could not be simulated anywhere near the start of the "
                                        "fit", None, f"{_filled_by_compare(problem)}"
-                                       f"`heavebond compare {experiment.path.name}` tells where it stops. What "
+                                       f"`heavebond compare {experiment.path.name}` shows where it stops. What "
                                        "adds up its input (a cylinder without a spring behind a valve) runs away from a "
                                        "record of that input: measure the reference and put the controller into the "
                                        "diagram, or the end stops. Else narrow the ranges under `free:`, or correct it.",

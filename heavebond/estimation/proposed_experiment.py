@@ -106,14 +106,14 @@ def propose(table: Table, assembly: Assembly, open_inputs: Sequence[str] = ()) -
                        "and has no wire")
     elif not any(c.role == "input" for c in columns):
         able_inputs = listing([t.name for t in inputs], 3)
-        remarks.append("no column was recognised that drives the diagram: say under `inputs:` where an input was measured "
+        remarks.append("no column was recognised that drives the diagram: give under `inputs:` the column of a measured "
+                       "input "
                        f"({able_inputs})")
     if undriven := [name for name in open_inputs if name not in [c.target for c in columns if c.role == "input"]]:
         remarks.append(f"{listing(undriven, 3)} {'has' if len(undriven) == 1 else 'have'} no value, and no column was "
-                       "recognised as one: say under `inputs:` which column was measured there, or give a value in the "
-                       "diagram")
+                       "recognised as one: give its column under `inputs:`, or a value in the diagram")
     if not any(c.role == "output" for c in columns):
-        remarks.append("no column was recognised as an output: say under `outputs:` what was measured")
+        remarks.append("no column was recognised as an output: give the measured quantities under `outputs:`")
     return Proposal(tuple(columns), {t.name: (t.unit.text, t.doc) for t in inputs},
                     {t.name: (t.unit.text, t.doc) for t in (*outputs, *signals)}, tuple(remarks))
 
@@ -331,7 +331,7 @@ def proposed_text(path: Path, model: Model, files: Sequence[Path]) -> tuple[str,
             if name in assembly.parameter_values and bound.place.file == str(model.path) and isinstance(bound.value, Value)
             and isinstance(bound.value.expr, Number) and not bound.value.formula and bound.value.expr.value]
     if able:
-        text += "\n".join(["# free:      # remove the # of what the data sheet leaves open, and say how far", *able]) + "\n"
+        text += "\n".join(["# free:      # remove the # of uncertain parameters, and give their ranges", *able]) + "\n"
     return text, found
 
 
@@ -437,7 +437,7 @@ def experiment_text(name: str, path: Path, given: Records, unrecognised: Sequenc
         part = given.parts.get(file)
         cut = f", from: {part.first}, to: {part.last}" if part is not None else ""
         records[_free_name(file.stem, records)] = f"{{file: {quoted(inside.as_posix())}, use: {use}{cut}}}"
-    unsure = ["# not recognised: remove the # of what was measured, and say what it is", *unrecognised]
+    unsure = ["# not recognised: remove the # of measured quantities, and give their formulas", *unrecognised]
     lines = [f"experiment: {quoted(name)}", f"model: {quoted(extended_from(path, given.model))}",
              *block("records", records), f"time: {{column: {quoted(time.column)}, unit: {quoted(time.unit)}}}",
              *block("inputs", inputs), *(block("outputs", outputs) or ["outputs:"]),

@@ -277,7 +277,7 @@ def _window(experiment: Experiment, record: Record, files: _Files, problems: Pro
             problems.add("record-end", f"the input {path} is known from {first:.10g} s to {last:.10g} s, the record "
                          f"'{record.name}' goes from {begin:.10g} s to {end:.10g} s", given.place,
                          hint=f"In {other} the times of this input would be as long: correct the `unit:` of its `time:`, "
-                         "or that of the record." if other else f"Write {' and '.join(cut)} at the record.")
+                         "or the `unit:` of the record." if other else f"Write {' and '.join(cut)} at the record.")
             continue
         time = time[(time >= first - 1e-6 * usual) & (time <= last + 1e-6 * usual)]
     for (file, name), columns in unbridged.items():
@@ -395,7 +395,7 @@ def _remarks(channel: Samples) -> list[str]:
         said.append(f"its readings go in steps of {readable(channel.step, unit, 3)}; rounding alone is an error of "
                     f"{readable(rounding, unit, 2)}, {what}")
     if channel.outlier.any():
-        far = count(int(channel.outlier.sum()), "sample stands far from its", "samples stand far from their")
+        far = count(int(channel.outlier.sum()), "sample is far from its", "samples are far from their")
         said.append(f"{far} neighbours, at {moments(t[channel.outlier])}: " + (
             "left out of all figures" if channel.output.drop_outliers else
             "counted in all figures (`outliers: drop` leaves them out)"))

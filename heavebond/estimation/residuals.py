@@ -230,7 +230,7 @@ class Residuals:
         self.experiment = experiment
         chosen = records if records is not None else [r for r in experiment.records.values() if r.use == "fit"]
         if not chosen:
-            raise UsageError([Problem("fit-no-record", "no record is to be fitted", None,
+            raise UsageError([Problem("fit-no-record", "no record is fitted", None,
                                       "Mark at least one record with `use: fit`.")])
         names = list(experiment.free)
         self.runs = list(runs) if runs is not None else [Run(experiment, record, names, tolerances, kind=FitSimulator)

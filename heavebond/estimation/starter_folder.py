@@ -139,5 +139,5 @@ def _readme(name: str, machine: str, diagrams: list[Path], experiments: list[Pat
     for what, paths in (("Diagrams", diagrams), ("Experiments", experiments), ("Studies", studies)):
         parts += [f"* {what}: {', '.join(f'`{path.name}`' for path in paths)}."] if paths else []
     if not experiments and (Path(first).parent / "data").is_dir():
-        parts += ["", "The records are not part of heavebond; `data/README.md` says where they are."]
+        parts += ["", "The records are not part of heavebond; `data/README.md` states their source."]
     return "\n".join(parts) + "\n"

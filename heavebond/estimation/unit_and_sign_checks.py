@@ -79,7 +79,7 @@ def declared_otherwise(table: Table, column: str, unit: str) -> str | None:
         return None
     if not same_kind and not sure:
         return None
-    return f"'{table.path.name}' gives '{column}' in {text}, the experiment says `unit: {unit}`: one of them is wrong"
+    return f"'{table.path.name}' gives '{column}' in {text}, the experiment has `unit: {unit}`: one of them is wrong"
 
 
 def time_seems_in(time: Array, until: float, every: float, unit: str) -> str:
@@ -132,8 +132,8 @@ def seems_of_another_sign(measured: Array, model: Array, formula: str) -> str | 
     turned, unsigned = seems_turned(measured, model, formula), seems_without_sign(measured, model, formula)
     alike, sized = _likeness(measured, model)[1], _likeness(measured, np.abs(model))[1]
     if unsigned and abs(sized + alike) <= UNIT_CHECKS.sign_gain:
-        return f"is never below 0 where the model is, and moves against it (correlation {number(alike, 3)}): if the " \
-            f"sensor counts the other way, write `is: -({formula})`; if it cannot tell the direction, `is: abs({formula})`"
+        return f"is never below 0 although the model is, and moves against it (correlation {number(alike, 3)}): if the " \
+            f"sensor counts the other way, write `is: -({formula})`; if it measures magnitudes, `is: abs({formula})`"
     if turned and unsigned:
         return unsigned if sized > -alike else turned
     return turned or unsigned
@@ -144,7 +144,7 @@ def seems_turned(measured: Array, model: Array, formula: str) -> str | None:
     _, alike = _likeness(measured, model)
     if alike > UNIT_CHECKS.opposite:
         return None
-    return f"moves against the model (correlation {number(alike, 3)}): if the sensor counts the other way, write " \
+    return f"moves against the model (correlation {number(alike, 3)}): if the sensor has the opposite sign, write " \
         f"`is: -({formula})`"
 
 
@@ -158,8 +158,8 @@ def seems_without_sign(measured: Array, model: Array, formula: str) -> str | Non
     alike, sized = _likeness(measured, model)[1], _likeness(measured, np.abs(model))[1]
     if sized < UNIT_CHECKS.alike or sized < alike + UNIT_CHECKS.magnitude_gain:
         return None
-    return f"is never below 0 where the model is, and moves as its size does (correlation {number(sized, 3)}, with the " \
-        f"sign {number(alike, 3)}): if the sensor cannot tell the direction, write `is: abs({formula})`"
+    return f"is never below 0 although the model is, and follows its magnitude (correlation {number(sized, 3)}, with the " \
+        f"sign {number(alike, 3)}): if the sensor measures magnitudes, write `is: abs({formula})`"
 
 
 def seems_from_another_zero(measured: Array, model: Array, unit: str, formula: str) -> str | None:

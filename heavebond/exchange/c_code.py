@@ -108,11 +108,11 @@ def _head(made: Portable, prefix: str, stops: int, steps: bool) -> str:
         f"int {prefix}_evaluate(double t, const double *x, double *z, const double *p, const double *u,",
         f"{' ' * len(prefix)}              double *dx, double *y)", "",
         "gives the derivatives dx = dx/dt of the states x and the outputs y at the time t; either may be a null pointer.",
-        "z holds the algebraic unknowns: a first guess on entry, the solution on return (it is not looked at where there",
-        "are none). It returns 0, or another number where z is not found. It keeps nothing between calls.", "",
+        "z holds the algebraic unknowns: a first guess on entry, the solution on return (it is ignored if there",
+        "are none). It returns 0, or another number if z was not found. It has no memory between calls.", "",
         *([f"double {prefix}_next_stop(double t, const double *p)", "",
-           "gives the next instant after t at which a function of time has a kink or a short motion, or INFINITY.",
-           "An integrator ends a step there and begins anew, as it may pass over the motion otherwise.", ""]
+           "gives the next instant after t at which a function of time has a kink or a fast transition, or INFINITY.",
+           "An integrator must end a step there and restart, because it may skip the transition otherwise.", ""]
           if stops else []),
         *([f"int {prefix}_check(double t, const double *x, const double *z, const double *p, const double *u,",
            f"{' ' * len(prefix)}           char *message, size_t size)", "",
@@ -125,9 +125,9 @@ def _head(made: Portable, prefix: str, stops: int, steps: bool) -> str:
            "",
            f"integrate the equations with all events. A run needs {prefix}_size() bytes of memory, aligned for double. It",
            f"begins at the time t with the parameters p (a null pointer: {prefix}_p_start). {prefix}_advance integrates to",
-           "the time end with constant inputs u; x and y are states and outputs there. Null pointers may stand for u, x, y",
-           "and message.",
-           "It returns 0, or another number with a message where the run has to end. A copy of the block is a snapshot.", ""]
+           "the time end with constant inputs u; x and y are states and outputs there. Null pointers are permitted",
+           "for u, x, y and message.",
+           "It returns 0, or another number with a message if the run has to end. A copy of the block is a snapshot.", ""]
           if steps else []),
         f"All is in SI but y. {prefix}_x_start, {prefix}_z_start, {prefix}_p_start and {prefix}_u_start hold the values",
         f"at the start, {prefix}_n_x, {prefix}_n_z, {prefix}_n_p, {prefix}_n_u and {prefix}_n_y the numbers of each."]

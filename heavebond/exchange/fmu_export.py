@@ -38,7 +38,7 @@ VERSIONS = (2, 3)
 def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = (), version: int = 3) -> Portable:
     """Write an FMU of FMI 2.0 or 3.0; UsageError without a C compiler, ModelError for a diagram with FMUs."""
     if version not in VERSIONS:
-        raise UsageError([Problem("fmi-version", f"there is no FMI {version}.0 here", None, "Choose 2 or 3.")])
+        raise UsageError([Problem("fmi-version", f"FMI {version}.0 is not supported", None, "Choose 2 or 3.")])
     compiler = find_compiler()
     made = portable(model, inputs, "model_", events=True)
     source = c_text(made, "model", whole=True)
@@ -65,7 +65,7 @@ def find_compiler() -> str:
         found = shutil.which(name)
         if found:
             return found
-    said = f"CC names '{named}', which is not there" if named else "there is no C compiler here"
+    said = f"CC names '{named}', which is not there" if named else "no C compiler is installed"
     raise UsageError([Problem("compiler-missing", f"an FMU holds compiled C, and {said}", None,
                               "Install gcc or clang (on Debian: apt install gcc), or set CC to a compiler. "
                               "`-o model.c` writes the equations as C and needs none.")])

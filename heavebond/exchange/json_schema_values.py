@@ -83,9 +83,10 @@ def column(required: Iterable[str], more: Mapping[str, Schema] | None = None) ->
     """A column of a record as an input, with optional entries."""
     return {
         "type": "object", "additionalProperties": False, "required": list(required), "properties": {
-        "file": {"type": "string", "description": "CSV, Parquet or MAT file beside this one"},
+        "file": {"type": "string", "description": "CSV, Parquet or MAT file, relative to the folder of this one"},
         "column": {**TEXT, "description": "its name in the file"}, "unit": {"$ref": "#/definitions/unit"},
-        "interpolation": {"enum": list(INTERPOLATIONS), "description": "what holds between two samples"}, "time": TIME_AXIS,
+        "interpolation": {"enum": list(INTERPOLATIONS), "description": "interpolation between two samples"},
+        "time": TIME_AXIS,
         "gaps": {"enum": ["bridge"], "description": "go across gaps"}, **(more or {})}}
 
 
@@ -107,6 +108,6 @@ def instance_of(component: Component) -> Schema:
 
 COMMON_ENTRIES: Mapping[str, Schema] = {
     "is": {}, "at": {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3,
-                     "description": "column and row in the drawing, and by how many degrees it is turned"},
-    "repeat": {"anyOf": [{"type": "integer"}, {"type": "string"}], "description": "so many of it in line"},
-    "data": {**WORDS, "description": "parts whose parameters of the same names count where none are given"}}
+                     "description": "column and row in the drawing, and its rotation in degrees"},
+    "repeat": {"anyOf": [{"type": "integer"}, {"type": "string"}], "description": "number of equal parts in series"},
+    "data": {**WORDS, "description": "parts that give missing parameters of the same name"}}

@@ -144,16 +144,17 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
     assembly, column = _opened(assembly, wanted) if wanted else (assembly, _measured(assembly))
     if parts := foreign_parts(assembly.flat):
         raise ModelError([Problem("export-fmu", f"a diagram with an FMU in it cannot be exported: {listing(parts, 3)}",
-                                  assembly.flat.expanded.leaves[next(iter(parts))].place, "Leave the FMU out, and name what "
-                                  "it drives as an input (`--input`).")])
+                                  assembly.flat.expanded.leaves[next(iter(parts))].place, "Remove the FMU, and make the "
+                                                                                          "signals that it drives inputs "
+                                                                                          "(`--input`).")])
     if not events and assembly.flat.events and all(event.by_clock for event in assembly.flat.events):
         assembly = build(reduce(unclocked(assembly.flat)))
     events = events or bool(assembly.flat.events)
     if any(event.impulse for event in assembly.flat.events) and (turned := yielding(assembly.reduced)):
-        raise ModelError([Problem("export-impact", f"an impact may set off {listing(turned, 3)} at once, which an "
-                                  "FMU or a C program does not look for",
+        raise ModelError([Problem("export-impact", f"an impact may set off {listing(turned, 3)} at once, which FMUs and C "
+                                  "programs do not support",
                                   next(e.place for e in assembly.flat.events if e.impulse),
-                                  "Leave out friction that sticks (DryFriction) and further stops, or take elastic ones "
+                                  "Remove friction that sticks (DryFriction) and further stops, or take elastic ones "
                                   "(EndStop).")])
     assembly = assembly.with_sizes(sizes) if sizes else assembly
     stops = stop_events(assembly)
@@ -324,7 +325,7 @@ def _input(assembly: Assembly, k: int, order: int, column: Array) -> Quantity:
     value = float(column[1 + 4 * k + order]) * factorial(order)
     name, doc = known.name, ""
     for _ in range(order):
-        name, doc = f"der({name})", f"derivative of {name}; to be given beside it"
+        name, doc = f"der({name})", f"derivative of {name}; required in addition to it"
     return Quantity(name, derived(known.unit, order), value, doc)
 
 

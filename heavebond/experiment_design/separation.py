@@ -325,7 +325,7 @@ def separate(alternatives: Sequence[Alternative], *, machine: Experiment | None 
     tried = _refitted(rivals, frame, tried, names, say, began + 1.5 * seconds)
     extra = None
     if tried and not tried[0].decided:
-        say("looking for a channel that would tell")
+        say("looking for a channel that distinguishes them")
         extra = _extra(rivals, frame, tried, machine)
     return _separation(alternatives, rivals, frame, tried, extra)
 
@@ -499,15 +499,15 @@ def _words(found: Separation, frame: _Frame) -> tuple[str, ...]:
     if not frame.known:
         return ("No input is driven by a record, so no other one can be proposed.",)
     if found.best is None:
-        return ("No input was found that moves the machine within what the records did, under all of them.",)
+        return ("No input was found that keeps the machine within the range of the records under all of them.",)
     best = found.best
     if not found.decides:
-        lines = ["No input within the limits of the records would tell them apart with these channels: under the best, "
+        lines = ["No input within the limits of the records would distinguish them with these channels: under the best, "
                  f"{described(found)}, chi-square would differ by {number(best.smallest, 2)}, and {number(found.needed, 2)} "
                  "is needed."]
         return (*lines, *_extra_words(found))
     pair = best.least
-    lines = [f"To tell them apart, record {described(found)}.",
+    lines = [f"To distinguish them, record {described(found)}.",
              f"{pair.one} and {pair.other} then differ most in {pair.channel}, near {number(pair.at, 3)} s by "
              f"{number(pair.size, 2)} times its noise; chi-square of the wrong one would be {number(pair.chi2, 3)} higher "
              f"({number(found.needed, 2)} is needed), which decides {_chance(pair.sure)}."]

@@ -197,8 +197,8 @@ class Translator:
         if sampled != () and not made.untranslated:
             self._show_samples(made, builder.memory, prefix, sampled)
         if computed is not None:
-            made.untranslated.append((submodel.line, "its global relations compute something; only those of a submodel of "
-                                      "submodels may"))
+            made.untranslated.append((submodel.line, "its global relations have results, which is supported in a submodel "
+                                                     "of submodels only"))
         if SAMPLE_TIME in made.shared:
             made.items[SAMPLE_TIME].value = self.sampling.times.get(id(submodel))
         made.name = title(submodel, self.library)

@@ -53,7 +53,7 @@ from heavebond.import_20sim.splitting import read_held, share_repeated, split_de
 # functions of the solution of the equations
 NO_EFFECT = {"warning", "stopsimulation", "effortincausality", "flowincausality", "seed"}
 
-AT_EVERY_STEP = "'{}' follows from its own value at the integration step before, and so depends on the method"
+AT_EVERY_STEP = "'{}' depends on its value at the integration step before, and so on the integration method"
 
 
 class Builder(Execution):

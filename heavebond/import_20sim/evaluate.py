@@ -26,7 +26,7 @@ MEMBERS = {"power": ("e", "f"), "hydraulic": ("p", "phi"), "translation": ("F", 
            "pseudothermalh": ("T", "dH"), "electrical": ("u", "i")}
 MOST_ELEMENTS = 2000
 MOST_TIMES = 16  # largest exponent of a matrix
-OUTSIDE = "where an index that the run decides lies outside its vector, the first or the last element is used"
+OUTSIDE = "if an index that depends on the run lies outside its vector, the first or the last element is used"
 
 
 class Calculus(Protocol):
@@ -65,7 +65,7 @@ class Evaluator:
     def scalar(self, expr: Expr) -> Expr:
         found = self(expr)
         if len(found) != 1 or len(found[0]) != 1:
-            raise Unreadable(expr.line, "a vector stands where a number is needed")
+            raise Unreadable(expr.line, "a vector is given instead of a number")
         return found[0][0]
 
     def whole(self, expr: Expr) -> int:
@@ -107,15 +107,15 @@ class Evaluator:
         if op in ("negative", "not"):
             return [[f.negative(e) if op == "negative" else Expr("not", (e,)) for e in row] for row in self(expr.args[0])]
         if op in ("text", "range"):
-            raise Unreadable(expr.line, "a text stands where a number is needed")
+            raise Unreadable(expr.line, "a text is given instead of a number")
         return each(lambda a, b: self._pair(op, a, b, expr.line), self(expr.args[0]), self(expr.args[1]), expr.line)
 
     def _power(self, base: Matrix, expr: Expr) -> Matrix:
         """A square matrix to a power, `expr` being `A ^ n`; of its inverse for a negative one."""
         exponent = fold(self.scalar(expr.args[1]), self.numbers)
         if exponent is None or exponent != round(exponent) or abs(exponent) > MOST_TIMES:
-            raise Unreadable(expr.line, "a matrix has a power that is not a known whole number from -{MOST_TIMES} to "
-                                        "{MOST_TIMES}")
+            raise Unreadable(expr.line, "the exponent of a matrix is not a known whole number "
+                                        f"from -{MOST_TIMES} to {MOST_TIMES}")
         if exponent < 0:
             base = self._call(Expr("call", (expr.args[0],), "inverse", line=expr.line))
         return power(base, abs(round(exponent)))
@@ -327,7 +327,7 @@ class Evaluator:
 
 
 def _no_table(name: Expr) -> Expr:
-    raise Unreadable(name.line, "there are no files beside the model")
+    raise Unreadable(name.line, "the folder of the model contains no files")
 
 
 def _unknown(call: Expr) -> Matrix:
@@ -389,7 +389,7 @@ def spread(values: Matrix, count: int, line: int) -> list[Expr]:
     """The elements of a matrix; a single one is repeated."""
     flat = [e for row in values for e in row]
     if len(flat) not in (1, count):
-        raise Unreadable(line, f"{len(flat)} elements stand where {count} are needed")
+        raise Unreadable(line, f"{len(flat)} elements are given where {count} are needed")
     return flat if len(flat) == count else flat * count
 
 

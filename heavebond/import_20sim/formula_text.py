@@ -111,7 +111,7 @@ def _text(expr: Expr) -> tuple[str, int]:
     if op == "if":
         return f"if_else({text(truth(expr.args[0]))}, {_value(expr.args[1])}, {_value(expr.args[2])})", ATOM
     if op not in LEVEL:
-        raise Unreadable(expr.line, "an event stands where a value is needed")
+        raise Unreadable(expr.line, "an event is given instead of a value")
     level = LEVEL[op]
     if op == "negative" and expr.args[0].op in ("*", "/"):  # (-a)*b is the same number as -(a*b)
         return f"-{_within(expr.args[0], MULTIPLY)}", MULTIPLY

@@ -52,7 +52,7 @@ def _store(made: Component, branch: Kept, jumps: list[Event]) -> None:
     value = branch.value
     if len(f.text(value)) > SHORT and defined_everywhere(value, {item.name for item in made.of_kind("parameter")}):
         name = made.fresh(f"{branch.name.removesuffix('_kept')}_value")
-        made.items[name] = Item(name, "variable", "", f"what the branch assigns that {branch.name} keeps")
+        made.items[name] = Item(name, "variable", "", f"the value of the branch that {branch.name} keeps")
         made.equations = [(left, _replaced(right, value, f.name(name)), said) for left, right, said in made.equations]
         made.equations.append((f.name(name), value, ""))
         value = f.name(name)

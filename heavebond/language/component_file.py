@@ -118,7 +118,7 @@ class _Parser:
         for other in ("held", "start", "physical", "count"):
             if other in node.items:
                 self.problems.add("delayed-twice", f"'{key.text}' has `delayed:` and `{other}:`", node.keys[other].place,
-                                  hint="A delayed variable is one number that its source decides; leave the other key out.")
+                                  hint="A delayed variable is one number that its source determines; remove the other key.")
         of, by = reading.text(entry.items.get("of"), "of", self.problems), self._formula(entry, "by")
         return None if by is None else Delayed(of, by, entry.place)
 
@@ -138,8 +138,8 @@ class _Parser:
         own: dict[str, Parameter | Variable] = {**parameters, **held}
         for name, item in (entries.items if entries else {}).items():
             if name not in own:
-                self.problems.add("sliding-unknown", f"`sliding`: '{name}' is not a parameter and no held variable of this "
-                                  "component", item.place, hint=suggest(name, own))
+                self.problems.add("sliding-unknown", f"`sliding`: '{name}' is neither a parameter nor a held variable of "
+                                                     "this component", item.place, hint=suggest(name, own))
                 continue
             assert entries is not None
             number = self._bound(entries, name, own[name].unit, entries.keys[name])
@@ -151,8 +151,8 @@ class _Parser:
         said = reading.text(node, "power", self.problems)
         if node is not None and said != "source" and not re.match(r"controlled, \w", said):
             self.problems.add("power-unknown", f"`power: {said}` has no meaning", node.place,
-                              hint="Write `power: source`, or `power: controlled,` and why; leave it out where power "
-                              "is balanced.")
+                              hint="Write `power: source`, or `power: controlled,` and the reason; remove it if power is "
+                                   "balanced.")
         return said
 
     def _ports(self, node: Node | None) -> tuple[dict[str, Port], dict[str, SignalPort]]:
@@ -189,7 +189,7 @@ class _Parser:
             doc = reading.text(entry.items.get("doc"), "doc", self.problems)
             count, columns = self._shape(entry)
             if columns is not None:
-                self.problems.add("count-bad", f"port '{key.text}' has one number, how many ports it is",
+                self.problems.add("count-bad", f"port '{key.text}' has one number, its number of ports",
                                   entry.items["count"].place,
                                   hint="Write `count: n`; a matrix is a parameter, a variable or a signal.")
         ports[key.text] = Port(key.text, domain, key.place, doc, count)
@@ -244,16 +244,16 @@ class _Parser:
         if bounds["physical"] is not None and not beyond:
             self.problems.add("beyond-missing", f"'{key.text}' has a physical limit, but no text for a run that passes it",
                               node.keys["physical"].place,
-                              hint="Add `beyond:`, what happens there and which component models it.")
+                              hint="Add `beyond:` with a description of that state and the component that models it.")
         if "physical" in node.items and "held" in node.items:
             self.problems.add("held-physical", f"'{key.text}' has `physical:` and `held:`", node.keys["physical"].place,
                               hint="Only variables that equations determine have a physical limit.")
         if bounds["nominal"] is not None and not bounds["nominal"] > 0:
-            self.problems.add("nominal-not-positive", f"'nominal' of '{key.text}' is a size: it must be above 0",
-                              node.items["nominal"].place, hint="Write the size that the variable commonly has.")
+            self.problems.add("nominal-not-positive", f"'nominal' of '{key.text}' is not above 0, as a size must be",
+                              node.items["nominal"].place, hint="Write the usual size of the variable.")
         if "start" in node.items and "held" in node.items:
             self.problems.add("held-start", f"'{key.text}' has `start:` and `held:`", node.keys["start"].place,
-                              hint="`held:` is the value that it starts at; leave `start:` out.")
+                              hint="`held:` is its initial value; remove `start:`.")
         count, columns = self._shape(node)
         return Variable(key.text, unit or DIMENSIONLESS, key.place,
                         reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],

@@ -213,8 +213,9 @@ class EffectReader:
         for word in reading.words(node, "amplitude", self.problems):
             parameter = self._parameter(word.text, word.place)
             if parameter is not None and word.text not in starts and ((parameter.low or 0) > 0 or (parameter.high or 0) < 0):
-                start = f" Or where it is absent: `start: {{{word.text}: old.{word.text}}}`." * ("replaces" in entry.items)
-                self.problems.add("effect-amplitude", f"'{word.text}' cannot be 0, which is where the effect is absent",
+                start = ("replaces" in entry.items) * (
+                    f" Or give its value without the effect: `start: {{{word.text}: old.{word.text}}}`.")
+                self.problems.add("effect-amplitude", f"'{word.text}' cannot be 0, the value of an absent effect",
                                   word.place, hint=f"Give its range: `amplitude: {{{word.text}: low .. high}}`.{start}")
             elif parameter is not None:
                 found[word.text] = None
@@ -289,7 +290,7 @@ class EffectReader:
                 self.problems.add("effect-requires", f"'{key.text}' is not a port or variable of this component", key.place,
                                   hint=suggest(key.text, {**self.ports, **self.variables}) or self._has())
             elif key.text in self.variables and kinds != (REVERSES,):
-                self.problems.add("effect-requires", f"of a variable an effect may require that it `{REVERSES}`", item.place,
+                self.problems.add("effect-requires", f"for a variable, `requires:` may only be `{REVERSES}`", item.place,
                                   hint=f"Write `requires: {{{key.text}: {REVERSES}}}`.")
             else:
                 found[key.text] = kinds

@@ -63,10 +63,10 @@ def _equations_leave_alone(component: Component, problems: Problems) -> None:
     for line in component.equations:
         sides = (line.tree.left, line.tree.right)
         if isinstance(name := line.tree.left, Name) and name.text in component.held:
-            problems.add("held-equation", f"'{name.text}' is held, so no equation decides it",
+            problems.add("held-equation", f"'{name.text}' is held, so no equation may determine it",
                          line.place.moved(name.column, name.length),
-                         hint="Set it under `when:`, or leave `held:` out of its declaration. An equation that uses it has "
-                         "it on the right.")
+                         hint="Set it under `when:`, or remove `held:` from its declaration. In equations it may occur on "
+                              "the right side.")
         for call in (c for side in sides for c in _walk(side) if isinstance(c, Call) and c.function == "der"):
             inner = call.args[0]
             if isinstance(inner, Name) and inner.text in component.held:
@@ -129,14 +129,15 @@ def _equality(component: Component, part: Compare) -> None:
     """
     still = {*component.held, *component.parameters, "pi"}
     for name in (n for side in (part.left, part.right) for n in names(side) if n.text not in still):
-        raise ExpressionProblem("condition-equality", f"'{name.text}' moves, and equals another value in no time",
-                                part.column, 2, "Compare with `>` or `<`: the event happens as it passes the value.")
+        raise ExpressionProblem("condition-equality", f"'{name.text}' varies continuously and equals another value at an "
+                                "instant only",
+                                part.column, 2, "Compare with `>` or `<`: the event occurs when it passes the value.")
 
 
 def _reset(component: Component, reset: Reset, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
     target = reset.target.tree
     if not isinstance(target, Name):
-        problems.add("reset-form", f"'{reset.target.text}' is not a variable that an event could set", reset.target.place,
+        problems.add("reset-form", f"'{reset.target.text}' cannot be set by an event", reset.target.place,
                      hint=_settable(component))
         return
     try:
@@ -192,8 +193,9 @@ def _breakaway(component: Component, event: EventDefinition, problems: Problems)
     if event.key != "condition" or event.impulse or event.moves not in rated:
         problems.add("breakaway-form", f"event '{event.name}' has `moves: {event.moves}`, which is not a speed whose rate "
                                        "is "
-                     "in the equations", event.place, hint="Name the sliding speed of the contact, `moves: v`, in an "
-                     "event with a `condition:`; the law of the stuck contact contains `der(v)`.")
+                     "in the equations", event.place, hint="Give the sliding speed of the contact, `moves: v`, in an "
+                                                           "event with a `condition:`; the law of the stuck contact "
+                                                           "contains `der(v)`.")
     elif len(limits) != 1 or limits[0] is None or limits[0].held or values[0] not in (1, -1):
         problems.add("breakaway-form", f"event '{event.name}' has `moves:`, and its `otherwise:` does not set one held "
                      "variable that starts at 0 to 1 or -1", event.place, hint="Declare `limit: {unit: 1, held: 0, min: -1, "

@@ -40,7 +40,7 @@ def described(path: Path) -> tuple[str, Foreign]:
                  if v.causality in ("input", "output", "parameter") and v.type in NUMBERS]
     if len(variables) > FMU_VARIABLES:
         raise _unusable(path, f"has {len(variables)} inputs, outputs and parameters; up to {FMU_VARIABLES} are read",
-                        "Export it with those that are needed.")
+                        "Export it with fewer of them.")
     arrays = [v.name for v in variables if v.dimensions and v.causality != "parameter"]
     other = [v.name for v in description.modelVariables if v.causality == "input" and v.type not in NUMBERS]
     if arrays or other:
@@ -53,7 +53,7 @@ def described(path: Path) -> tuple[str, Foreign]:
     foreign = Foreign(path, description.coSimulation.modelIdentifier,
                       *(tuple(v for v, _, _ in known[kind]) for kind in ("input", "output", "parameter")))
     if not foreign.outputs:
-        raise _unusable(path, "has no outputs that are numbers", "It could do nothing in a diagram.")
+        raise _unusable(path, "has no outputs that are numbers", "It has no effect in a diagram.")
     return _text(path, description, known), foreign
 
 

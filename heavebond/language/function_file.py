@@ -45,7 +45,7 @@ from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
 
 FUNCTION_KEYS = ("function", "summary", "restrictions", "source", "inputs", "outputs", "constants", "equations")
 # a function is a relation between numbers: it has no derivative, no time and no jump that would need an event
-REFUSED = {"der": "a function relates values at one instant", "floor": "it jumps where no event stops the integrator"}
+REFUSED = {"der": "a function relates values at one instant", "floor": "it jumps without an event that stops the integrator"}
 ELEMENTS = ("Write a formula of whole lists (`y = x[2..n] - x[1..n - 1]`) or the elements in brackets (`y = [a, b]`,\n"
             "`K = [[a, b], [c, d]]`), or let the function give one element by its indices, and write\n"
             "`each i in 1..n: y[i] = f(i, ...)` in the component, where `y` has `count: n`.")
@@ -246,7 +246,7 @@ class _Checker:
 def _refuse(expr: Expr) -> None:
     """Refuse derivatives and jumps inside a function."""
     if isinstance(expr, Call) and expr.function in REFUSED:
-        raise ExpressionProblem("function-refused", f"{expr.function}() has no place in a function: "
+        raise ExpressionProblem("function-refused", f"{expr.function}() is not permitted in a function: "
                                 f"{REFUSED[expr.function]}", expr.column, len(expr.function),
                                 "Write it in the component, and pass its value.")
     for child in children(expr):

@@ -83,7 +83,7 @@ class Functions(Dictionary[str, Function]):
             circle = [*self._reading[self._reading.index(name):], name]
             raise ExpressionProblem("function-circle", f"'{name}' calls itself" if len(circle) == 2 else
                                     "functions call each other in a circle: " + " > ".join(circle), 0, 1,
-                                    "A function is evaluated line by line; leave one of these calls out.")
+                                    "A function is evaluated line by line; remove one of these calls.")
         if name not in self._read:
             path = self.files[name]
             self._reading.append(name)

@@ -311,7 +311,7 @@ def _base(source: Source, chain: tuple[Path, ...]) -> Model:
     problems.raise_as(ModelError)
     if len(chain) > LONGEST_CHAIN:
         problems.add("extends-too-long", f"more than {LONGEST_CHAIN} files extend each other", node.place,
-                     hint="Write the diagram out.")
+                     hint="Write a complete diagram.")
         problems.raise_as(ModelError)
     if target.resolve() in (*chain, here):
         circle = [*(chain[chain.index(target.resolve()):] if target.resolve() in chain else ()), here, target]
@@ -404,7 +404,7 @@ def _wires(old: dict[str, Wire], new: dict[str, Wire], *, extends: bool, problem
         plain = [e for e in wire.ends if e.path[:1] not in "+-"]
         if before is not None and plain:
             problems.add("node-exists", f"node '{name}' is in the diagram that this one extends already", plain[0].place,
-                         hint=f"Write `+{plain[0].path}` to join a port to it, `-{plain[0].path}` to take one away.")
+                         hint=f"Write `+{plain[0].path}` to join a port to it, `-{plain[0].path}` to remove one.")
             continue
         if not extends and len(plain) < len(wire.ends):
             signed = next(e for e in wire.ends if e.path[:1] in "+-")

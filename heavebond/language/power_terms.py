@@ -75,8 +75,8 @@ def power_problem(component: Component, domains: Mapping[str, Domain]) -> Proble
     lines = _lines_of(component, domains, ports)
     share = float((np.abs(power - stored - dissipated - unbalanced) / sizes).max())
     declared = [(key, getattr(component, key)) for key in ("stores", "dissipates")]
-    return _problem(f"{component.name} creates or loses power: up to {100 * share:.2g} % of what goes through it is neither "
-                    "stored, dissipated nor declared as unbalanced", lines[0].place if lines else component.place,
+    return _problem(f"{component.name} creates or loses power: up to {100 * share:.2g} % of the power through it is "
+                    "neither stored, dissipated nor declared as unbalanced", lines[0].place if lines else component.place,
                     [*_told(lines[1:]), *(f"line {f.place.line}: {key}: {f.text}" if f else f"it has no `{key}:`"
                                           for key, f in declared)])
 

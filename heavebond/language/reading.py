@@ -261,7 +261,7 @@ def file_input(node: Mapping, source: Source, problems: Problems, what: str, *, 
         keyed = f"`{{{listing(node.items)}}}`"
         problems.add("not-a-quantity", f"{what}: {keyed} is neither a quantity nor an input from a record", node.place,
                      hint="Write a quantity, `42 kN/m`, or a record, `{file: name.csv, column: name, unit: mm, "
-                     "interpolation: spline}`. Initial values have a section of their own in the diagram: "
+                     "interpolation: spline}`. Initial values belong to a separate section of the diagram: "
                      "`initial: {NODE.x: 0 mm}`.")
         return None
     known_keys(node, keys, "an input from a record", problems,
@@ -439,7 +439,8 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems, kinds:
             settings.update(column_values(item, name, source, problems))
         elif isinstance(item, Mapping) and {*item.items} == {"value", "unit"}:
             size, unit = (text(item.items[word], word, problems) for word in ("value", "unit"))
-            problems.add("not-a-quantity", f"{key.text}.{name} is a mapping; a value and its unit are one text", item.place,
+            problems.add("not-a-quantity", f"{key.text}.{name} is a mapping; write a value and its unit as one "
+                         "text", item.place,
                          hint=f"Write `{name}: {size} {unit}`.")
         elif isinstance(item, Mapping):
             read = file_input(item, source, problems, f"{key.text}.{name}")
@@ -508,11 +509,11 @@ def _position(node: Node, problems: Problems) -> tuple[float, ...] | None:
                      hint="Write for example `at: [3, 1]`.")
         return None
     if len(place) == 3 and place[2] not in TURNS:
-        problems.add("at-bad", f"a part is not turned by {numbers[2]} degrees", node.place,
+        problems.add("at-bad", f"a part cannot be rotated by {numbers[2]} degrees", node.place,
                      hint="The third number of `at:` is 0, 90, 180 or 270, clockwise.")
         return None
     if not all(abs(n) <= FARTHEST for n in place[:2]):  # true for NaN as well
-        problems.add("at-bad", f"`at: [{', '.join(numbers)}]` lies off any sheet", node.place,
-                     hint=f"Places in a drawing range from -{FARTHEST} to {FARTHEST}; parts stand some 2 apart.")
+        problems.add("at-bad", f"`at: [{', '.join(numbers)}]` is outside the sheet", node.place,
+                     hint=f"Places in a drawing range from -{FARTHEST} to {FARTHEST}; the usual distance of parts is 2.")
         return None
     return place

@@ -136,8 +136,8 @@ def read_nominal(node: Node | None, problems: Problems) -> dict[str, Setting]:
             problems.add("not-a-quantity", f"nominal {path}: '{value.text}' is not a plain quantity", value.place,
                          hint="Write for example `1 nA`; a nominal size is known before any parameter.")
         elif not 0 < number < inf:
-            problems.add("nominal-not-positive", f"nominal {path}: '{value.text}' is a size: it must be above 0",
-                         value.place, hint="Write the size that the variable commonly has, for example `1 nA`.")
+            problems.add("nominal-not-positive", f"nominal {path}: '{value.text}' is not above 0, as a size must be",
+                         value.place, hint="Write the usual size of the variable, for example `1 nA`.")
         else:
             found[path] = Setting(path, value, place)
     return found

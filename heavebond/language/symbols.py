@@ -229,7 +229,8 @@ def _matrix_property(name: str, given: ca.SX, expr: Call) -> ca.SX:
     rows = ca.vec(given.T)
     n = isqrt(rows.numel())
     if n * n != rows.numel():
-        raise ExpressionProblem("list-length", f"{name} takes a square matrix; {rows.numel()} elements are none",
+        raise ExpressionProblem("list-length", f"{name} takes a square matrix; {rows.numel()} elements are not a square "
+                                "matrix",
                                 expr.column, hint="Declare it with `count: [n, n]`.")
     matrix = ca.reshape(rows, n, n).T
     largest = ca.mmax(ca.fabs(rows))

@@ -182,9 +182,9 @@ class _Builder:
             return stack(self._lookup(f"{text}[{k + 1}]", name) for k in range(shape))
         if head in self.arrays:
             return stack(self._lookup(f"{head}[{k + 1}].{member}", name) for k in range(self.arrays[head]))
-        raise ExpressionProblem("name-unknown", f"'{name.text}' is not known here", name.column, name.length,
+        raise ExpressionProblem("name-unknown", f"'{name.text}' is not a name in this component", name.column, name.length,
                               suggest(text, known := [*self.parameters, *self.held, *self.levels[0]])
-                              or f"{self.component.name} knows {listing(known)}; an index counts from 1.")
+                              or f"the names in {self.component.name} are {listing(known)}; an index counts from 1.")
 
     def _der(self, expression: ca.SX) -> ca.SX:
         """d/dt by the chain rule; the explicit dependence on time carries the factor `time_rate` (1, or 0 when the

@@ -25,7 +25,7 @@ def check_dimension(name: str, value: Value, found: Dimension | None, declared: 
     elif found is not None and found != declared.dimension:
         problems.add("unit-wrong", f"{name} must be {_in_unit(declared.text)}; '{value.text.lstrip('= ')}' is "
                      f"{_in_unit(dimension_text(found))}", value.place,
-                     hint="Check the units in the formula; a quantity in it carries its own, as in `2 * 460 L/min`.")
+                     hint="Check the units in the formula; write quantities with their units, as in `2 * 460 L/min`.")
 
 
 def check_bounds(name: str, parameter: Parameter, number: float, value: Value, problems: Problems) -> None:

@@ -37,7 +37,7 @@ def _event(key: Scalar, entry: Mapping, problems: Problems) -> EventDefinition |
     kind = kinds[0]
     if "from" in entry.items and kind != "every":
         problems.add("when-form", f"{what} has `{kind}:` and `from:`", entry.keys["from"].place,
-                     hint="`from:` is the first instant of an event that happens `every:` so often; leave it out.")
+                     hint="`from:` is the first instant of a periodic event (`every:`); remove it.")
     formula = reading.formula_of(entry.items[kind], kind, problems)
     first = reading.formula_of(entry.items["from"], "from", problems) if "from" in entry.items else None
     resets = _resets(what, "then", entry, problems)

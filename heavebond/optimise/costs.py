@@ -105,7 +105,8 @@ def read_limit(assembly: Assembly, text: str) -> Cost:
     SI if that is zero or not a plain quantity."""
     tree = parse(text, assembly.model.library)
     if not isinstance(tree, Compare) or tree.op not in ("<", "<=", ">", ">="):
-        raise _problem(text, ExpressionProblem("limit-form", "a limit says what is below or above what", 0, len(text),
+        raise _problem(text, ExpressionProblem("limit-form", "a limit is a comparison, for example `peak(x) < 1 "
+                                               "m`", 0, len(text),
                                                "Write for example `peak(extension) < 3.8 m` or `damping(least) > 0.1`."))
     if has_origin(tree):
         _origin(assembly, tree, text)

@@ -101,7 +101,8 @@ def uncertainties(problem: Objective) -> dict[str, float]:
 def _width(assembly: Assembly, name: str, text: str) -> float:
     units = {q.name: q.unit for q in assembly.flat.parameters}
     if name not in units:
-        raise UsageError([Problem("parameter-unknown", f"'{name}' is not a parameter that may be uncertain", None,
+        raise UsageError([Problem("parameter-unknown", f"'{name}' is not a parameter of the diagram that can be "
+                                  "uncertain", None,
                                   suggest(name, units) or NAMES_LISTED)])
     try:
         number, given = parse_quantity(text)
@@ -109,7 +110,7 @@ def _width(assembly: Assembly, name: str, text: str) -> float:
             value = assembly.parameter_values[name]
             bound = assembly.flat.origins.bounds.get(name)
             if bound is not None and isinstance(bound.value, Value) and has_origin(bound.value.expr):
-                raise UnitProblem("range-relative", f"a share of {bound.value.text} depends on the zero of the scale",
+                raise UnitProblem("range-relative", f"a percentage of {bound.value.text} depends on the zero of the scale",
                                   f"Write a width in K, for example '{abs(number * value):.3g} K'.")
             return abs(number * value)
         if given is not None:

@@ -82,7 +82,7 @@ def tune(model: ModelOrFile | Assembly | Objective, task: TuningProblem, *, expl
     so far (`message` is "interrupted"), after the first run. Raises UsageError for mistakes in the task.
     """
     if method not in METHODS:
-        raise UsageError([Problem("method-unknown", f"'{method}' is not a method of tuning", None,
+        raise UsageError([Problem("method-unknown", f"'{method}' is not a tuning method", None,
                                   suggest(method, METHODS) or f"Methods: {', '.join(METHODS)}.")])
     problem = model if isinstance(model, Objective) else \
         Objective(assemble(model), task)

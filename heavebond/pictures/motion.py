@@ -109,7 +109,7 @@ def animate(model: Model, until: Time | None = None, *, every: Time | None = Non
     """
     if not model.view:
         raise ModelError([Problem(
-            "view-missing", f"{model.path.name} does not say what is seen to move", None,
+            "view-missing", f"{model.path.name} has no `view:` with shapes to animate", None,
             "Add for example `view: {body: {is: box, at: [0, body.x], size: [1 m, 0.5 m]}}`.")])
     formulas = [f for seen in model.view.values() for part in seen.formulas.values() for f in part]
     chosen = list(signals)

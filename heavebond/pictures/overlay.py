@@ -93,7 +93,7 @@ def _read(path: Path, columns: list[Column], record: str) -> tuple[SavedRun, boo
 
 def _undescribed(path: Path) -> UsageError:
     return UsageError([Problem(
-        "record-undescribed", f"'{path.name}' is not a saved run, and a record must be told what its columns are", None,
+        "record-undescribed", f"'{path.name}' is not a saved run, and a record needs --column for its columns", None,
         "Write --column SIGNAL='COLUMN UNIT', for example --column crown.x='crown_m m', or give the experiment that "
         "describes it.", (f"saved runs end in {', '.join(SUFFIXES)}; `heavebond run MODEL --save FILE` writes them",))])
 

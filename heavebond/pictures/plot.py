@@ -238,8 +238,8 @@ def plot_influence(found: Rankings, *, bars: int = 12, courses: int = 4, title: 
     panels[-1][0].set_xlabel("influence: rms(p ∂s/∂p) / rms(s − mean)")
     if courses:
         panels[-1][1].set_xlabel("time [s]")
-    marks = [Patch(color=COLOURS[0], label="largest where more of it raises the signal"),
-             Patch(color=COLOURS[1], label="where it lowers the signal")]
+    marks = [Patch(color=COLOURS[0], label="largest change: increase of the signal"),
+             Patch(color=COLOURS[1], label="decrease of the signal")]
     figure.legend(handles=marks, loc="outside upper right", ncols=2, frameon=False, fontsize=9)
     return figure
 
@@ -276,7 +276,7 @@ def plot_ladder(rungs: Sequence[LadderEntry]) -> Figure:
 
 def _error_axis(axes: Axes, least: float, most: float) -> None:
     """Axis of shares in %, logarithmic if they differ widely."""
-    axes.set_xlabel("error, in % of what was measured")
+    axes.set_xlabel("error, in % of the measured signal")
     if most <= WIDE * least:
         axes.set_xlim(0, 1.25 * most)
         return

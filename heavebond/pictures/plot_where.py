@@ -26,7 +26,7 @@ def plot_place(found: Localization, place: str) -> Figure:
     found.implied(place)
     suspect = next(s for s in found.suspects if s.place.name == place)
     figure = Figure(figsize=(WIDTH, 7.2), dpi=DPI, layout=ConstrainedLayoutEngine(rect=RECT, hspace=0.06))
-    figure.suptitle(f"{found.experiment.name}: what is missing {suspect.place.words} "
+    figure.suptitle(f"{found.experiment.name}: estimated missing input {suspect.place.words} "
                     f"({100 * suspect.explained:.4g} % of the misfit explained)", x=0.01, ha="left", fontsize=12)
     shown = readable_unit(suspect.place.unit.text, suspect.rms)
     names = _variables(suspect)

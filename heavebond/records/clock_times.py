@@ -116,7 +116,7 @@ def _day_first(found: Sequence[re.Match[str]], cells: Sequence[str], known: Sequ
     if any(b > 12 for _, b in dates) or len(set(dates)) == 1:
         return False
     k = next(k for k, one in enumerate(found) if one.re is _YEAR_LAST)
-    raise ClockProblem(f"'{cells[k]}' does not tell which is the day and which the month",
+    raise ClockProblem(f"'{cells[k]}' is ambiguous: day and month could be exchanged",
                        "Export the dates as 2024-05-01 12:00:03, or the times as seconds.", known[k])
 
 

@@ -38,7 +38,7 @@ class Vectors:
         first = name if name in self.columns else next(
             n for n, v in self.columns.items() if len(v) == Counter(lengths).most_common(1)[0][0])
         n = len(self.columns[first])
-        other = {name: (f"has {len(v)} values, '{first}' has {n}", "Name its own time: `time: {column: ..., unit: s}`.")
+        other = {name: (f"has {len(v)} values, '{first}' has {n}", "Give its time column: `time: {column: ..., unit: s}`.")
                  for name, v in self.columns.items() if len(v) != n}
         return Vectors({name: v for name, v in self.columns.items() if len(v) == n}, {**self.aside, **other})
 

@@ -112,7 +112,7 @@ def read_table(path: Path | str, *, place: Place | None = None, beside: str | No
     if suffix in MATLAB_SUFFIXES:
         return _read_matlab(path, place, beside)
     raise UsageError([Problem(
-        "record-suffix", f"'{path.name}' is not a kind of record that is read here", place,
+        "record-suffix", f"'{path.name}' is not a supported format of records", place,
         "Export it as CSV (comma, semicolon or tab).",
         (f"read are {', '.join(TEXT_SUFFIXES)} (text), {', '.join(PARQUET_SUFFIXES)} (Parquet) and .mat (MATLAB)",))])
 
@@ -189,7 +189,7 @@ def check_time(table: Table, name: str) -> None:
             (steps == 0, "record-time-repeated", "stands twice",
              "A record has one row per instant: delete one of them, or write the times with more digits."),
             (steps < 0, "record-time-decreasing", "is less than the one before it",
-             "Sort the rows by their time; where a second run begins here, make it a record of its own.")):
+             "Sort the rows by their time; if a second run begins here, make it a separate record.")):
         rows = where[wrong].tolist()
         if rows:
             problems.add(code, f"the time {time[rows[0]]:.7g} in '{name}' {saying} ({table.lines_of(rows)})",

@@ -159,7 +159,7 @@ def _check_covered(signal: Pieces, start: float, end: float, name: str) -> None:
         say.append(f"begin at {first:.10g} s (`simulate: {{from: {first:.10g} s{until}}}`)")
     if end > last + slack:
         bounds.append(f"the record ends at {last:.10g} s")
-        say.append(f"say `until: {last:.10g} s`")
+        say.append(f"write `until: {last:.10g} s`")
     hint = " and ".join(say)
     asked = f"the simulation needs {name} from {start:.10g} s to {end:.10g} s"
     raise DataError([Problem("record-end", f"{asked}, {' and '.join(bounds)}",

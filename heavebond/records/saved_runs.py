@@ -204,7 +204,7 @@ def _read_csv(path: Path) -> SavedRun:
 
     head = list(pd.read_csv(path, nrows=0).columns)
     if "time [s]" in head[:1] and ROWS_LEFT not in head[-1:]:
-        raise _not_a_run(path, f"its last column is not '{ROWS_LEFT}', which tells that no row is missing")
+        raise _not_a_run(path, f"its last column is not '{ROWS_LEFT}', which shows that no row is missing")
     table = pd.read_csv(path, float_precision="round_trip")
     if head[-1:] == [ROWS_LEFT]:
         check_rows_left(path, table.pop(ROWS_LEFT).to_numpy(float))

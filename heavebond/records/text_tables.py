@@ -237,7 +237,7 @@ def _check_header(sheet: _Sheet, problems: Problems) -> None:
         elif first.setdefault(name, k) != k:
             problems.add("record-column-twice",
                          f"two columns are called '{name}' (columns {first[name] + 1} and {k + 1})",
-                         sheet.place(line, k), hint="Give each column a name of its own.")
+                         sheet.place(line, k), hint="Give each column a different name.")
 
 
 def _columns_below(sheet: _Sheet) -> str:
@@ -259,8 +259,8 @@ def _without_units_row(sheet: _Sheet, problems: Problems) -> tuple[Cells, list[s
         return sheet.rows, []
     if any(unit_in_file(cell) for cell in first) and all(len(cell) <= _LONGEST_UNIT for cell in first):
         return sheet.rows[1:], first
-    problems.add("record-units-row", "the row below the names has no numbers, and they are no units", sheet.place(line, 0),
-                 hint="Put a # in front of this line, or delete it; one row of names stands above the numbers.")
+    problems.add("record-units-row", "the row below the names has neither numbers nor units", sheet.place(line, 0),
+                 hint="Put a # in front of this line, or delete it; one row of names is permitted above the numbers.")
     return sheet.rows[1:], []
 
 

@@ -93,8 +93,8 @@ def _levels(node: Entries | Items, name: str, left: dict[int, Axis], problems: P
     elif isinstance(node, Items):
         k, axis = next(iter(left.items()))
         if len(node.items) != len(axis.levels):
-            problems.add("beside-number", f"{name}: {len(node.items)} numbers stand along '{axis.name}', which has "
-                         f"{len(axis.levels)} levels", node.place, hint=f"Write `{NONE}` where there is no number.")
+            problems.add("beside-number", f"{name}: {len(node.items)} numbers are given along '{axis.name}', which has "
+                         f"{len(axis.levels)} levels", node.place, hint=f"Write `{NONE}` for a missing number.")
         else:
             yield from ((k, level, item) for level, item in enumerate(node.items))
     else:

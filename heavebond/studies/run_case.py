@@ -328,8 +328,8 @@ def _check_published(study: Study, units: Mapping[str, Unit], problems: Problems
                                  given.place)
                 elif name in units and given.unit.offset and units[name].text == units[name].of_intervals.text \
                         and study.measures[name].unit and read_unit(study.measures[name].unit).offset:
-                    problems.add("unit-offset", f"{name} is a difference of temperatures, and {given.unit.text} counts from "
-                                 "an origin of its own", given.place,
+                    problems.add("unit-offset", f"{name} is a difference of temperatures, and {given.unit.text} has an "
+                                 "offset", given.place,
                                  hint=f"Write '{interval_text(given.value, given.unit)}'.")
 
 

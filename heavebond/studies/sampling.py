@@ -149,7 +149,7 @@ def _named(given: Scalar, over: Mapping[str, Range], problems: Problems) -> Samp
         return Sampling(given.text, over)
     hint = f"Write `sample: {{{given.text}: 64}}`." if given.text in DRAWN else \
         suggest(given.text, KINDS) or "Write for example `sample: {sobol: 64}` or `sample: one_at_a_time`."
-    problems.add("sample-unknown", f"'{given.text}' does not say how to sample", given.place, hint=hint)
+    problems.add("sample-unknown", f"'{given.text}' is not a sampling method", given.place, hint=hint)
     return None
 
 
@@ -157,8 +157,8 @@ def _drawn(chosen: Entries, over: Mapping[str, Range], problems: Problems) -> Sa
     kinds = [key for key in chosen.items if key != "seed"]
     if len(kinds) != 1 or kinds[0] not in DRAWN:
         near = suggest(kinds[0], DRAWN) if kinds else ""
-        problems.add("sample-unknown", "it is not said how to sample" if len(kinds) != 1 else
-                     f"'{kinds[0]}' is not a way to sample", chosen.place,
+        problems.add("sample-unknown", "the sampling method is missing" if len(kinds) != 1 else
+                     f"'{kinds[0]}' is not a sampling method", chosen.place,
                      hint=near or f"Write `{{sobol: 64}}`; there are {', '.join(DRAWN)} and the words {', '.join(NAMED)}.")
         return None
     kind = kinds[0]
@@ -168,7 +168,7 @@ def _drawn(chosen: Entries, over: Mapping[str, Range], problems: Problems) -> Sa
         return None
     if kind in BALANCED and number & (number - 1):
         below = 2 ** int(math.log2(number))
-        problems.add("sample-unbalanced", f"{kind}: {number} points are no power of two, which Sobol's sequence needs",
+        problems.add("sample-unbalanced", f"{kind}: {number} points are not a power of two, which Sobol's sequence needs",
                      chosen.items[kind].place, hint=f"Write {below} or {2 * below}.")
         return None
     return Sampling(kind, over, number, seed)

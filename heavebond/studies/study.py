@@ -219,7 +219,7 @@ def _known_keys(root: Mapping, problems: Problems) -> None:
     strayed = [key for key in TUNE_KEYS if key in root.items]
     for key in strayed:
         problems.add("key-strayed", f"'{key}' belongs under `tune:`", root.keys[key].place,
-                     hint=f"Write `tune:` on a line of its own, and `{key}:` below it, indented.")
+                     hint=f"Write `tune:` on a separate line, and `{key}:` below it, indented.")
     if strayed:
         return
     reading.known_keys(root, STUDY_KEYS, "a study", problems, required=("model",))
@@ -245,7 +245,7 @@ def _study(source: Source, model: Model, problems: Problems) -> Study:
         procedures = _procedures(entry.items.get("by"), source, task, problems)
     tuned = (*task.free, COST, SIMULATIONS) if task is not None else ()
     for name in set(measures) & set(tuned):
-        problems.add("name-twice", f"'{name}' is told by the tuning already", measures[name].place,
+        problems.add("name-twice", f"'{name}' is a result of the tuning already", measures[name].place,
                      hint="Take another name.")
     places = {key: item.place for key, item in (entry.items if entry else {}).items()}
     beside = read_beside(items.get("compare_with"), axes, [*measures, *tuned], problems)
@@ -266,7 +266,7 @@ def _task(entry: Mapping, source: Source, window: tuple[float, float | None], re
         stable = True
     for word in words if stable is False else ():
         if word.text == STABLE:
-            problems.add("stable-twice", "`stable` stands under `limits:` and is off", word.place,
+            problems.add("stable-twice", "`stable` is under `limits:` and is off", word.place,
                          hint="Remove one of them.")
     return TuningProblem(read_ranges(items.get("free"), "free", problems),
                          reading.text(items.get("cost"), "cost", problems), limits,
@@ -400,7 +400,7 @@ def _calibration(node: Node | None, beside: Many[ReferenceValues], problems: Pro
     wanted = reading.text(entry.items.get("to"), "to", problems, sources[0] if len(sources) == 1 else "")
     if wanted not in sources:
         problems.add("source-unknown", f"'{wanted}' gives no numbers under `compare_with:`" if wanted else
-                     "it is not said whose numbers under `compare_with:` are the targets", entry.place,
+                     "`to:` does not name the source under `compare_with:` with the targets", entry.place,
                      hint=suggest(wanted, sources) or (f"Write `to: {sources[0]}`." if sources else "Add `compare_with:`."))
         return None
     source = sources.index(wanted)

@@ -74,10 +74,10 @@ def study_text(sweep: Sweep, folder: Path) -> str:
     sampled = [over for over in sweep.overs if over.range and not over.number]
     if sampled and not (sweep.sample or sweep.worst):
         first = f"{sampled[0].path}='{sampled[0].range}"
-        raise UsageError([Problem("over-open", f"--over {first}': it is not said which values are tried", None,
+        raise UsageError([Problem("over-open", f"--over {first}': the number of values or the sampling is missing", None,
                                   f"Write --over {first}; 9' for nine of them, or add --sample sobol:64.")])
     if (sweep.sample or sweep.worst) and not sampled:
-        raise UsageError([Problem("sample-nothing", "there is no range to be sampled", None,
+        raise UsageError([Problem("sample-nothing", "no range is given for the sample", None,
                                   "Write --over spring.c='20 .. 60 kN/m' without a number of steps.")])
     if sweep.worst and len(sweep.measures) != 1:
         raise UsageError([Problem("worst-many", "the worst is sought of one number", None, "Give --measure once.")])
@@ -126,7 +126,7 @@ def _sample(sweep: Sweep) -> str:
     points = whole(number)
     if kind not in DRAWN or points is None:
         said = f"{kind}:64" if kind in DRAWN else ""
-        raise UsageError([Problem("sample-unknown", f"--sample {sweep.sample}: this does not say how to sample", None,
+        raise UsageError([Problem("sample-unknown", f"--sample {sweep.sample}: this is not a sampling method", None,
                                   f"Write --sample {said}." if said else suggest(kind, KINDS) or
                                   f"Write {listing([f'{k}:64' for k in DRAWN] + list(NAMED), 9)}.")])
     if kind in BALANCED and points & (points - 1):

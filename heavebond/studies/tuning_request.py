@@ -70,7 +70,7 @@ def with_free(assembly: Assembly, task: TuningProblem, texts: Sequence[str]) -> 
         assembly.parameter_indices([name])  # UsageError for a name that cannot be set
         value = assembly.parameter_values[name]
         if not value:
-            raise UsageError([Problem("range-missing", f"{name} is 0, which says nothing about its range", None,
+            raise UsageError([Problem("range-missing", f"{name} is 0, so it has no default range", None,
                                       f"Write for example --free {name}='0 .. 10 {units[name].text}'.")])
         found[name] = Range(min(0.0, TIMES * value), max(0.0, TIMES * value), units[name])
     return replace(task, free={**task.free, **found}) if found else task

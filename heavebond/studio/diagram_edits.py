@@ -195,7 +195,7 @@ def turn_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
 
 
 def rename_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """Rename a part, in wires and formulas too; the name of a node on which it is is allowed."""
+    """Rename a part, in wires and formulas too. The new name may be the name of a node on one of its ports."""
     old, new = diagram.own(str(action["part"])), str(action["name"])
     if old == new:
         return {"text": diagram.text, "part": old}
@@ -206,7 +206,7 @@ def rename_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
 
 
 def rename_node(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """Rename a node, in formulas too; the name of a part on it is allowed."""
+    """Rename a node, in formulas too. The new name may be the name of a part on it."""
     old, new = str(action["node"]), str(action["name"])
     if old == new:
         return {"text": diagram.text, "node": old}

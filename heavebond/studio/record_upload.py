@@ -25,8 +25,8 @@ def plain_name(name: str) -> str:
     last = re.split(r"[/\\]", name)[-1]
     suffix = Path(last).suffix.lower()
     if suffix not in SUFFIXES:
-        raise UsageError([Problem("record-suffix", f"'{last[:80]}' is not a kind of record that is read here", None,
-                                  f"Export it as CSV. Read are {listing(SUFFIXES, 12)}.")])
+        raise UsageError([Problem("record-suffix", f"'{last[:80]}' is not a supported format of records", None,
+                                  f"Export it as CSV. Supported are {listing(SUFFIXES, 12)}.")])
     stem = re.sub(r"[^\w-]+", "_", last[:-len(suffix)]).strip("_-")[:LONGEST]
     return f"{stem or 'record'}{suffix}"
 

@@ -87,8 +87,8 @@ def why_not(diagram: Diagram, one: str, two: str) -> str:
         return (f"'{one}' is {_a(first)} port and '{two}' {_a(second)} port: a signal acts through a source (ForceSource, "
                 "FlowSource, ...) and comes from a sensor")
     if first and second and first != second:
-        return (f"'{one}' is {_a(first)} port and '{two}' {_a(second)} port. What couples the two domains is found in the "
-                f"library by the words '{first} {second}'")
+        return (f"'{one}' is {_a(first)} port and '{two}' {_a(second)} port. Find a component that couples the two "
+                f"domains by `heavebond library` with the words '{first} {second}'")
     if out and drives:
         return f"'{one}' and '{two}' are both outputs; a signal has exactly one. Add them with a Sum"
     for port in (one, two):
