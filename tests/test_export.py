@@ -311,7 +311,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (("driven.yaml", "-o", "m.exe"), "file-suffix", ".fmu or .c"), (("driven.yaml",), "usage", "--output"),
     (("driven.yaml", "-o", "m.c", "--input", "deck.v"), "input-unknown", "Did you mean 'deck.u'"),
     (("driven.yaml", "-o", "m.c", "--input", "nothing"), "input-unknown", "Signal inputs: "),
-    (("driven.yaml", "-o", "nowhere/m.c"), "file-unwritable", "no folder"),
+    (("driven.yaml", "-o", "nowhere/m.c"), "file-unwritable", "find the folder"),
     (("driven.yaml", "-o", "m.c", "--set", "spring.k=1 N/m"), "setting-unknown", "spring.c"),
 ])
 def test_wrong_usage(folder: Path, words: tuple[str, ...], code: str, said: str) -> None:

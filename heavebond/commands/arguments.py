@@ -132,8 +132,8 @@ def blamed_on_settings(settings: Iterable[str]) -> Iterator[None]:
         yield
     except HeavebondError as error:
         problems = [_about(problem, settings) for problem in error.problems]
-        here = any(new is not old for new, old in zip(problems, error.problems, strict=True))
-        raise (UsageError if here else type(error))(problems) from None
+        changed = any(new is not old for new, old in zip(problems, error.problems, strict=True))
+        raise (UsageError if changed else type(error))(problems) from None
 
 
 def _about(problem: Problem, settings: Iterable[str]) -> Problem:
@@ -151,28 +151,28 @@ def read_signals(option: str, texts: Sequence[str], model: Model) -> dict[str, E
     """Read the signals of an option as formulas; UsageError if one cannot be read."""
     from heavebond.text.expression import ExpressionProblem
 
-    found, problems = {}, Problems()
+    formulas, problems = {}, Problems()
     for text in texts:
         try:
-            found[text] = model.library.formula(text)
+            formulas[text] = model.library.formula(text)
         except ExpressionProblem as problem:
             problems.add(problem.code, f"{option} {text}: {problem.message}", hint=problem.hint)
     problems.raise_as(UsageError)
-    return found
+    return formulas
 
 
 def check_signals(assembly: Assembly, option: str, formulas: dict[str, Expr]) -> None:
     """Raise UsageError for a signal that the diagram does not have, before the integration begins."""
     from heavebond.text.expression import ExpressionProblem
 
-    problems, shown = Problems(), assembly.model.show
+    problems, outputs = Problems(), assembly.model.show
     for text, formula in formulas.items():
         try:
-            if text not in shown:
+            if text not in outputs:
                 assembly.resolver().dimension(formula)
                 assembly.expression(formula)
         except ExpressionProblem as problem:
-            hint = suggest(text, [*shown, *assembly.flat.names]) or problem.hint
+            hint = suggest(text, [*outputs, *assembly.flat.names]) or problem.hint
             problems.add(problem.code, f"{option} {text}: {problem.message}", hint=hint)
     problems.raise_as(UsageError)
 

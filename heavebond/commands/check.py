@@ -34,13 +34,13 @@ def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, obje
 
     path = find(model)
     kind = next(iter(read(path).root.items), "")
-    others = {"component": _check_component, "function": _check_function, "experiment": _check_experiment,
+    checks = {"component": _check_component, "function": _check_function, "experiment": _check_experiment,
               "study": _check_study}
-    if kind in others and (listed or settings):
+    if kind in checks and (listed or settings):
         option = "--names" if listed else "--set"
         raise UsageError([Problem("option-unsuited", f"{option} is for diagrams; {model} is a file of the kind `{kind}:`",
                                   None, f"Leave {option} out, or check the diagram itself.")])
-    return others[kind](path) if kind in others else _check_diagram(model, listed, settings)
+    return checks[kind](path) if kind in checks else _check_diagram(model, listed, settings)
 
 
 def _check_diagram(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, object]:
@@ -62,9 +62,9 @@ def _check_diagram(model: str, listed: bool, settings: tuple[str, ...]) -> dict[
             begun, first = _start(assembly)
         except StartError as error:  # print the structure also if the diagram cannot start
             failure = error
-        found = summary(assembly, begun)
+        entries = summary(assembly, begun)
         console = output()
-        for line in found.text(console.width).splitlines():
+        for line in entries.text(console.width).splitlines():
             console.print(line, style="bold" if line[:1].strip() else None, soft_wrap=True)
         if listed:
             console.print()
@@ -76,7 +76,7 @@ def _check_diagram(model: str, listed: bool, settings: tuple[str, ...]) -> dict[
         if first is not None:
             report_verdict(assembly.model.name, at_point(assembly, first))
     growing = warn_of_growing(assembly, first) if first is not None and assembly.model.initial.mode == "steady" else []
-    return {**found.as_dict(), "power": [problem.as_dict() for problem in powers], "growing": growing}
+    return {**entries.as_dict(), "power": [problem.as_dict() for problem in powers], "growing": growing}
 
 
 def _check_powers(assembly: Assembly) -> list[Problem]:
@@ -87,14 +87,14 @@ def _check_powers(assembly: Assembly) -> list[Problem]:
 
     model = assembly.model
     with working("checking the power of components"):
-        found = list(power_problems(used(model.library, [model.body]), model.library.domains))
-    created = [problem for problem in found if problem.code == CREATED]
-    for problem in found:
+        power_issues = list(power_problems(used(model.library, [model.body]), model.library.domains))
+    created = [problem for problem in power_issues if problem.code == CREATED]
+    for problem in power_issues:
         if problem not in created:
             output().print(str(problem), style="yellow", soft_wrap=True, markup=False, highlight=False)
     if created:
         raise ModelError(created)
-    return found
+    return power_issues
 
 
 def _check_experiment(path: Path) -> dict[str, object]:
@@ -108,18 +108,18 @@ def _check_experiment(path: Path) -> dict[str, object]:
     from heavebond.estimation.records import Measured, measure
     from heavebond.estimation.residuals import columns_of, starts_outside
 
-    experiment, problems, found = load_experiment(path), Problems(), dict[str, Measured]()
+    experiment, problems, measured_records = load_experiment(path), Problems(), dict[str, Measured]()
     with working("reading the records"):
         experiment = with_channel_noise(experiment)
         for name, record in experiment.records.items():
             try:
                 problems.extend(UsageError(starts_outside(columns_of(experiment, {name: assemble_for(experiment, record)}))))
-                found[name] = measure(experiment, record)
+                measured_records[name] = measure(experiment, record)
             except HeavebondError as error:
                 problems.extend(error)
     problems.raise_as(ModelError)
     rows, figures = [], {}
-    for name, measured in found.items():
+    for name, measured in measured_records.items():
         use, span = measured.record.use, f"{number(measured.grid[0], 5)} .. {number(measured.grid[-1], 5)} s"
         channels = {}
         for channel, c in measured.channels.items():
@@ -135,7 +135,7 @@ def _check_experiment(path: Path) -> dict[str, object]:
     console = output()
     console.print(table(f"Experiment {experiment.name}", ("record", "use", "time", "channel", "samples", "noise", ""), rows,
                         text=4))
-    for name, measured in found.items():
+    for name, measured in measured_records.items():
         for note in measured.notes:
             console.print(f"{name}: {note}", soft_wrap=True)
     free = ", ".join(experiment.free)
@@ -187,14 +187,14 @@ def _check_component(path: Path) -> dict[str, object]:
     console = output()
     with working("checking its power"):
         report = check_power(component, known.domains)
-        found = list(power_problems([component, *used(known, [component.body])], known.domains))
+        power_issues = list(power_problems([component, *used(known, [component.body])], known.domains))
     console.print(f"Component {component.name}", style="bold")
     console.print("  units and equations agree" if not component.composite else "  a block: its parts are checked with it",
                   soft_wrap=True)
     if report.holds and (component.ports or component.signals):
         console.print(f"  {report.verdict.partition(': ')[2]}", soft_wrap=True)
-    if found:
-        raise ModelError(found)
+    if power_issues:
+        raise ModelError(power_issues)
     return {"component": component.name, "power": {"tried": report.tried, "exempt": report.exempt,
                                                    "imbalance": report.imbalance, "problems": []}}
 

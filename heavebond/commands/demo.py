@@ -92,7 +92,7 @@ def demo(output: Path) -> dict[str, object]:
 
     console.print(terminal.table(
         "Crown-mounted compensator", ("", "unit", *(label.replace(" sea, ", "\n") for label in runs)),
-        [(f.name, f.unit, *(number(found[f.name], 4) for found in runs.values())) for f in FIGURES], text=2))
+        [(f.name, f.unit, *(number(figures[f.name], 4) for figures in runs.values())) for f in FIGURES], text=2))
     for path in pictures:
         console.print(f"wrote {path}", soft_wrap=True)
     return {"runs": runs, "units": {f.name: f.unit for f in FIGURES}, "files": list(map(str, pictures))}
@@ -114,9 +114,9 @@ def _run(name: str) -> Result:
 def evaluated(result: Result, sea: Sea) -> dict[str, float]:
     """The figures of a run in a sea."""
     values = result.signals(SIGNALS)
-    rest = {name: float(found[0]) for name, found in values.items()}
+    rest = {name: float(course[0]) for name, course in values.items()}
     late = result.time >= _from(sea.evaluated, result)
-    return {f.name: f.of({name: found[late] for name, found in values.items()}, rest) for f in FIGURES}
+    return {f.name: f.of({name: course[late] for name, course in values.items()}, rest) for f in FIGURES}
 
 
 def _from(when: Callable[[float, dict[str, float]], float], result: Result) -> float:

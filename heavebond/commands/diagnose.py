@@ -54,50 +54,51 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     from heavebond.reports.result_tables import diagnosis_items
 
     budget = Budget(seconds)
-    given = load_experiment(experiment)
-    check_classes(given, classes)
-    targets = Targets.beside(given, folder)
+    loaded = load_experiment(experiment)
+    check_classes(loaded, classes)
+    targets = Targets.beside(loaded, folder)
     page = report_file or targets.report
     check_writable(page, (".html",))
-    kept = KeptLines.begin(targets.kept, resume)
-    if resume and not kept.known:
+    kept_lines = KeptLines.begin(targets.kept, resume)
+    if resume and not kept_lines.known:
         terminal.warn(f"{targets.kept} holds no results of this search: it begins anew")
     try:
-        with connected(scheduler) as cluster, terminal.working("diagnosing") as progress, keeping(kept):
-            found = diagnosed(given, steps=steps, number=processes, executor=cluster, seconds=budget.left(), classes=classes,
-                              samples=samples, progress=progress)
+        with connected(scheduler) as cluster, terminal.working("diagnosing") as progress, keeping(kept_lines):
+            result = diagnosed(loaded, steps=steps, number=processes, executor=cluster, seconds=budget.left(),
+                               classes=classes,
+                               samples=samples, progress=progress)
     except KeyboardInterrupt:
         click.echo("ended before all records were simulated: there is nothing to report yet", err=True)
         raise
     with finishing(terminal.warn):
-        terminal.show(diagnosis_items(found))
-        targets = Targets.beside(given, folder)  # another command may have written to this folder meanwhile
-        files = write_findings(given, found.added, targets)
-        proposed = write_proposal(found.separation, targets.proposal) if found.separation is not None else []
+        terminal.show(diagnosis_items(result))
+        targets = Targets.beside(loaded, folder)  # another command may have written to this folder meanwhile
+        files = write_findings(loaded, result.added, targets)
+        proposed = write_proposal(result.separation, targets.proposal) if result.separation is not None else []
     with finishing(terminal.warn):
         page = report_file or targets.report
-        write_text(page, report(found, found.localization, written=files))
+        write_text(page, report(result, result.localization, written=files))
     console = terminal.output()
     if (files or proposed) and targets.passed:
         console.print(f"{targets.passed} exists and is kept: the new files have the next free number", soft_wrap=True)
     for path in (*files, *proposed, page):
         console.print(f"wrote {path}", soft_wrap=True)
-    if found.partial:
-        again = "with --resume continues" if kept.known else "searches anew"
+    if result.partial:
+        again = "with --resume continues" if kept_lines.known else "searches anew"
         console.print(f"the search was ended early: the same command {again}, --only CLASS narrows it, --seconds gives it "
                       f"more time than {seconds:g} s", soft_wrap=True)
     else:
-        kept.remove()
-    if files and found.partial:
+        kept_lines.remove()
+    if files and result.partial:
         console.print(f"look at it: heavebond compare {files[-1]}", soft_wrap=True)
     elif files:
-        look = "fit" if found.started else "compare"  # a comparison would begin with the starts of the diagram
+        look = "fit" if result.started else "compare"  # a comparison would begin with the starts of the diagram
         console.print(f"next: heavebond {look} {files[-1]}; heavebond diagnose {files[-1]}", soft_wrap=True)
-    elif found.verdict == "parameters":
-        keep = f"keep the starts in {experiment} as described above, then " if found.started else ""
+    elif result.verdict == "parameters":
+        keep = f"keep the starts in {experiment} as described above, then " if result.started else ""
         console.print(f"next: {keep}heavebond fit {experiment} --write fitted.yaml", soft_wrap=True)
-    figures = {"experiment": given.name, **found.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
-    if found.partial and (number := last_heard()) != SIGINT:  # a batch system sees that the search is not complete
+    figures = {"experiment": loaded.name, **result.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
+    if result.partial and (number := last_heard()) != SIGINT:  # a batch system sees that the search is not complete
         raise Interrupted(number, figures)
     return figures
 

@@ -66,30 +66,30 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
         check_new(written, (".yaml",))
     with blamed_on_settings(settings), terminal.working("integrating"):
         diagram = with_settings(load(model), settings)
-        found = audit(diagram, until, every=every)
-    shown = with_blocks(found, found.result.assembly.flat.expanded.blocks if close_all else closed)
+        energy_audit = audit(diagram, until, every=every)
+    shown_audit = with_blocks(energy_audit, energy_audit.result.assembly.flat.expanded.blocks if close_all else closed)
     console = terminal.output()
-    console.print(table(shown))
-    for line in changes_of(found.result):
+    console.print(table(shown_audit))
+    for line in changes_of(energy_audit.result):
         console.print(line)
-    files = _pictures(shown, diagram.name, sankey, activity)
-    told: dict[str, object] = {"model": diagram.name, **shown.as_dict()}
+    files = _pictures(shown_audit, diagram.name, sankey, activity)
+    figures: dict[str, object] = {"model": diagram.name, **shown_audit.as_dict()}
     if audited:
-        found.raise_if_open()
+        energy_audit.raise_if_open()
         console.print("the energy balance closes")
     if share is not None:
         from heavebond.energy.simplification import simplify
 
         with terminal.working("trying without") as progress:
-            reduced = simplify(diagram, share / 100, limit / 100, found=found, progress=progress)
+            reduced = simplify(diagram, share / 100, limit / 100, found=energy_audit, progress=progress)
         _print_reduced(reduced)
-        told["reduced"] = reduced.as_dict()
+        figures["reduced"] = reduced.as_dict()
         if written is not None and reduced.removed:
             write_text(written, reduced.diagram(written))
             files.append(written)
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
-    return {**told, "files": [str(path) for path in files]}
+    return {**figures, "files": [str(path) for path in files]}
 
 
 def _pictures(found: EnergyAudit, name: str, sankey: Path | None, activity: Path | None) -> list[Path]:

@@ -52,22 +52,22 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     if written is not None:
         check_new(written, (".yaml",))
     with connected(scheduler) as cluster, terminal.working("fitting") as progress:
-        given = load_experiment(experiment)
-        _check_free(given, profiled)
-        kept = KeptLines.begin(Path(f"{given.path.stem}_starts.jsonl"), resume) if starts > 1 else None
-        if resume and (kept is None or not kept.known):
+        loaded = load_experiment(experiment)
+        _check_free(loaded, profiled)
+        kept_lines = KeptLines.begin(Path(f"{loaded.path.stem}_starts.jsonl"), resume) if starts > 1 else None
+        if resume and (kept_lines is None or not kept_lines.known):
             terminal.warn("no completed start is stored: the fit begins anew")
-        found = fitted(given, starts=starts, segments=segments, robust=robust, executor=cluster, kept=kept,
+        found = fitted(loaded, starts=starts, segments=segments, robust=robust, executor=cluster, kept=kept_lines,
                        progress=progress, partial=True)
         early = found.message == ENDED_EARLY
         profiles = {} if early else {name: profile(found, name, progress=progress) for name in profiled}
     terminal.show(fit_items(found))
     console = terminal.output()
-    told = {name: replace(next(p for p in found.parameters if p.name == name), interval=ends, at_bound="")
-            for name, ends in profiles.items()}
-    for name, p in told.items():
-        said = p.known(found.experiment.free[name].range.unit.written)
-        console.print(f"{name}: {said} by profile likelihood", soft_wrap=True)
+    profiled_parameters = {name: replace(next(p for p in found.parameters if p.name == name), interval=ends, at_bound="")
+                           for name, ends in profiles.items()}
+    for name, p in profiled_parameters.items():
+        interval_text = p.known(found.experiment.free[name].range.unit.written)
+        console.print(f"{name}: {interval_text} by profile likelihood", soft_wrap=True)
     files = []
     if written is not None:
         write(written, fitted_diagram(found, written))
@@ -79,11 +79,11 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
     figures = {"experiment": found.experiment.name, **found.as_dict(),
-               "profiles": {name: list(p.told) for name, p in told.items()}, "files": list(map(str, files))}
-    if kept is not None and not early:
-        kept.remove()
+               "profiles": {name: list(p.told) for name, p in profiled_parameters.items()}, "files": list(map(str, files))}
+    if kept_lines is not None and not early:
+        kept_lines.remove()
     if early:
-        again = "; the same command with --resume continues" if kept is not None and kept.known else ""
+        again = "; the same command with --resume continues" if kept_lines is not None and kept_lines.known else ""
         console.print(f"ended early: these are the best values so far{again}", soft_wrap=True)
         raise Interrupted(last_heard(), figures)
     return figures

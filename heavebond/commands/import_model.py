@@ -30,18 +30,18 @@ def import_model(file: Path, output: Path | None) -> dict[str, object]:
     if not file.is_file():
         raise UsageError([Problem("file", f"cannot find the file '{file}'")])
     with terminal.working("translating"):
-        made = import_emx(file, frozenset(library().names()))
-        folder = output or Path(made.name)
-        left, written = made.left_over(folder), made.write(folder)
+        imported = import_emx(file, frozenset(library().names()))
+        folder = output or Path(imported.name)
+        left, written = imported.left_over(folder), imported.write(folder)
     console = terminal.output()
     console.print(f"wrote {written[0]} and {len(written) - 1} components", soft_wrap=True, markup=False)
-    for item in made.untranslated:
+    for item in imported.untranslated:
         console.print(visible(f"not translated: {file.name}:{item.line}: {item.submodel}: {item.reason}"), soft_wrap=True,
                       markup=False)
     for path in left:
         console.print(visible(f"no longer part of the model: {path} (from an earlier import; delete it if unused)"),
                       soft_wrap=True, markup=False)
     console.print(f"next: heavebond check {written[0]}", soft_wrap=True, markup=False)
-    return {"model": made.name, "files": [str(path) for path in written],
+    return {"model": imported.name, "files": [str(path) for path in written],
             "left_over": [str(path) for path in left],
-            "untranslated": [{"submodel": u.submodel, "line": u.line, "reason": u.reason} for u in made.untranslated]}
+            "untranslated": [{"submodel": u.submodel, "line": u.line, "reason": u.reason} for u in imported.untranslated]}

@@ -68,11 +68,11 @@ def _list(known: Library, wanted: str = "") -> dict[str, object]:
         except ExpressionProblem as problem:
             problems.add(problem.code, problem.message, hint=problem.hint)
     words = wanted.lower().split()
-    folders = {folder: part for folder, found in folders.items() if (part := _with_words(found, words))}
+    folders = {folder: part for folder, members in folders.items() if (part := _with_words(members, words))}
     functions = _with_words(functions, words)
     if wanted and not folders and not functions:
-        said = f"there is no component '{wanted}', and none with this in its summary"
-        raise UsageError([Problem("component-unknown", said, None,
+        message = f"there is no component '{wanted}', and none with this in its summary"
+        raise UsageError([Problem("component-unknown", message, None,
                                   near_components(wanted, {**known.files, **known.functions.files}))])
     console = output()
     for folder, summaries in [*folders.items(), *([("functions", functions)] if functions else [])]:
@@ -236,14 +236,14 @@ def _given(parameter: Parameter, medium: str) -> str:
 def _as_dict(component: Component) -> dict[str, object]:
     from heavebond.language.library import example
 
-    shown = example(component)
+    example_path = example(component)
     formulas = {key: formula.text for key, formula in (
         ("stores", component.stores), ("dissipates", component.dissipates), ("unbalanced", component.unbalanced))
         if formula}
     return {
         "name": component.name, "summary": component.summary, "restrictions": component.restrictions,
         "source": component.source, "file": str(component.path),
-        "example": str(shown) if shown else None, "power": component.power, **formulas,
+        "example": str(example_path) if example_path else None, "power": component.power, **formulas,
         "ports": {p.name: p.domain for p in component.ports.values()},
         "signals": {s.name: {"direction": s.direction, "unit": s.unit.text} for s in component.signals.values()},
         "parameters": {p.name: {

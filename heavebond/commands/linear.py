@@ -89,37 +89,39 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
         from heavebond.linear.operating_point import stuck
         from heavebond.linear.sampled import sampled_words
 
-        made = StateSpaces(diagram, chosen, wanted, when) if loop is None else loops(diagram, loop, when)
-        system = made.at()
+        state_spaces = StateSpaces(diagram, chosen, wanted, when) if loop is None else loops(diagram, loop, when)
+        system = state_spaces.at()
     judged = system.stability()
     decided = not judged.undecided
-    told: dict[str, object] = {"model": diagram.name, "at": made.points.words, "stable": judged.stable if decided else None,
-                               "stability": judged.verdict if decided else None, "reasons": list(judged.reasons)}
+    figures: dict[str, object] = {"model": diagram.name, "at": state_spaces.points.words, "stable": judged.stable if decided
+                                  else None,
+                                  "stability": judged.verdict if decided else None, "reasons": list(judged.reasons)}
     console = terminal.output()
     every = f", {sampled_words(system.period)}" if system.period is not None else ""
-    console.print(f"{diagram.name} {made.points.words}: {count(len(system.states), 'state')}{every}, {judged.verdict}"
+    console.print(f"{diagram.name} {state_spaces.points.words}: {count(len(system.states), 'state')}{every}, "
+                  f"{judged.verdict}"
                   f"{': ' if judged.reasons else ''}{'; '.join(judged.reasons)}", soft_wrap=True)
-    told["stuck"] = notes = stuck(made.points.assembly, made.points.at())
-    told["filled"] = made.filled or None
+    figures["stuck"] = notes = stuck(state_spaces.points.assembly, state_spaces.points.at())
+    figures["filled"] = state_spaces.filled or None
     for line in sampled_lines(system.sampled):
         console.print(line, soft_wrap=True)
-    for note in filter(None, (*held_lines(system.held), *notes, made.filled)):
+    for note in filter(None, (*held_lines(system.held), *notes, state_spaces.filled)):
         console.print(note, style="yellow", soft_wrap=True)
     if loop is not None:
-        channels, span, found = _cut(system, frequencies)
-        told |= _crossings_told(found)
-        _print_crossings(found)
+        channels, span, crossings_found = _cut(system, frequencies)
+        figures |= _crossings_told(crossings_found)
+        _print_crossings(crossings_found)
     else:
-        channels, found = [system.channel(o, i) for i in system.inputs for o in system.outputs], None
+        channels, crossings_found = [system.channel(o, i) for i in system.inputs for o in system.outputs], None
         span = _span(channels, frequencies)
-        told["channels"] = _print_channels(channels, span, within=frequencies is not None)
-    files = _draw(diagram.name, made.points.words, channels, span, found, picture, until, output)
+        figures["channels"] = _print_channels(channels, span, within=frequencies is not None)
+    files = _draw(diagram.name, state_spaces.points.words, channels, span, crossings_found, picture, until, output)
     if saved is not None:
         _save_matrices(channels[0] if loop else system, saved)
         files.append(saved)
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
-    return {**told, **(channels[0] if loop else system).as_dict(), "files": [str(path) for path in files]}
+    return {**figures, **(channels[0] if loop else system).as_dict(), "files": [str(path) for path in files]}
 
 
 def _asked(inputs: list[str], outputs: list[str], loop: str | None, over: str | None) -> tuple[list[str], list[str]]:
@@ -146,19 +148,20 @@ def _span(channels: Sequence[StateSpace], asked: str | None) -> Array:
         every = [channel.frequencies() for channel in channels]
         return np.unique(np.concatenate(every))
     try:
-        found = parse_range(asked)
+        frequency_range = parse_range(asked)
     except UnitProblem as problem:
         raise UsageError([Problem(problem.code, f"--frequencies: {problem.message}", None, problem.hint)]) from None
-    if (found.unit.text != "Hz" and found.unit.counts != "cycles") or not 0 < found.low < found.high:
+    if (frequency_range.unit.text != "Hz"
+        and frequency_range.unit.counts != "cycles") or not 0 < frequency_range.low < frequency_range.high:
         raise UsageError([Problem("frequencies", f"--frequencies {asked}: these are not two frequencies in Hz above 0", None,
                                   "Write for example --frequencies '0.01 .. 10 Hz'.")])
     from heavebond.linear.linear_system import spread
 
-    high = min(found.high, channels[0].highest)
-    if not found.low < high:
+    high = min(frequency_range.high, channels[0].highest)
+    if not frequency_range.low < high:
         raise UsageError([Problem("frequencies", f"--frequencies {asked}: the response of a sampled system ends at its "
                                   f"Nyquist frequency, {high:g} Hz", None, "Give lower frequencies.")])
-    ends = 2 * np.pi * np.array([10 * found.low, high / 10])
+    ends = 2 * np.pi * np.array([10 * frequency_range.low, high / 10])
     return spread(-ends.astype(complex), channels[0].rates)
 
 
@@ -172,7 +175,7 @@ def _print_channels(channels: Sequence[StateSpace], span: Array, *, within: bool
     from heavebond.core.units import read_unit
     from heavebond.pictures.plot_linear import channel_name, ratio
 
-    rows, told = [], list[dict[str, object]]()
+    rows, entries = [], list[dict[str, object]]()
     for base in channels:
         channel, scale = base.displayed(), read_unit(base.shown[0]).scale
         gains = np.abs(channel.response(2j * np.pi * span)[:, 0, 0])
@@ -185,12 +188,12 @@ def _print_channels(channels: Sequence[StateSpace], span: Array, *, within: bool
             gain, at, words = abs(static), 0.0, "infinite (integrator)" if integrators else number(abs(static), 4)
         rows.append((channel_name(channel), ratio(channel), "infinite" if integrators else number(static, 4), words,
                      f"{number(at, 4)} Hz"))
-        told.append({"from": channel.inputs[0], "to": channel.outputs[0], "unit": base.units[2][0],
-                     "static_gain": None if integrators else static * scale, "integrators": integrators,
-                     "peak_gain": gain * scale if np.isfinite(gain) else None, "peak_frequency": at,
-                     "proper": channel.proper, "zeros": _zeros(channel)})
+        entries.append({"from": channel.inputs[0], "to": channel.outputs[0], "unit": base.units[2][0],
+                        "static_gain": None if integrators else static * scale, "integrators": integrators,
+                        "peak_gain": gain * scale if np.isfinite(gain) else None, "peak_frequency": at,
+                        "proper": channel.proper, "zeros": _zeros(channel)})
     terminal.output().print(terminal.table("", ("channel", "unit", "DC gain", "largest gain", "at"), rows, text=2))
-    return told
+    return entries
 
 
 def _zeros(channel: StateSpace) -> list[list[float]] | None:
@@ -207,8 +210,8 @@ def _cut(system: StateSpace, asked: str | None) -> tuple[list[StateSpace], Array
     from heavebond.linear.margins import crossings, loop_frequencies, open_loop
 
     cut = open_loop(system)
-    found = crossings(cut, system.stability())
-    return [cut], loop_frequencies(cut, found) if asked is None else _span([cut], asked), found
+    cut_crossings = crossings(cut, system.stability())
+    return [cut], loop_frequencies(cut, cut_crossings) if asked is None else _span([cut], asked), cut_crossings
 
 
 def _print_crossings(found: Crossings) -> None:
@@ -261,31 +264,31 @@ def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> 
     except UnitProblem as problem:
         raise UsageError([Problem(problem.code, f"--over {over}: {problem.message}", None,
                                   problem.hint or "Write --over controller.K_p='0 .. 5 1/m'.")]) from None
-    found = root_locus(diagram, parameter, span, at=when)
+    locus = root_locus(diagram, parameter, span, at=when)
     console = terminal.output()
-    ends = [judged.verdict for judged in (found.stability[0], found.stability[-1])]
-    console.print(f"{parameter} from {readable(found.values[0], found.unit)} ({ends[0]}) to "
-                  f"{readable(found.values[-1], found.unit)} ({ends[1]})", soft_wrap=True)
-    for limit in found.limits:
-        console.print(f"stability boundary at {readable(limit, found.unit)}", soft_wrap=True)
-    free = dict.fromkeys(e.text for judged in found.stability for e in judged.free)
+    ends = [judged.verdict for judged in (locus.stability[0], locus.stability[-1])]
+    console.print(f"{parameter} from {readable(locus.values[0], locus.unit)} ({ends[0]}) to "
+                  f"{readable(locus.values[-1], locus.unit)} ({ends[1]})", soft_wrap=True)
+    for limit in locus.limits:
+        console.print(f"stability boundary at {readable(limit, locus.unit)}", soft_wrap=True)
+    free = dict.fromkeys(e.text for judged in locus.stability for e in judged.free)
     if free:
         console.print(f"free, and no boundary: {'; '.join(free)}", soft_wrap=True)
-    for note in filter(None, (*held_lines(found.held), found.filled)):
+    for note in filter(None, (*held_lines(locus.held), locus.filled)):
         console.print(note, style="yellow", soft_wrap=True)
     files = [output] if output is not None else []
     if output is not None:
         from heavebond.pictures.plot import save
         from heavebond.pictures.plot_linear import plot_root_locus
 
-        save(plot_root_locus(found, title=f"{diagram.name}: poles over {parameter}"), output)
+        save(plot_root_locus(locus, title=f"{diagram.name}: poles over {parameter}"), output)
         console.print(f"wrote {output}", soft_wrap=True)
-    return {"model": diagram.name, "parameter": parameter, "unit": found.unit, "values": found.values.tolist(),
-            "poles": [[[s.real, s.imag] for s in row] for row in found.poles.tolist()],
-            "T": None if found.periods is None else found.periods.tolist(), "limits": list(found.limits),
-            "stability": [None if judged.undecided else judged.verdict for judged in found.stability], "free": list(free),
-            "held": [h.as_dict() for h in found.held],
-            "filled": found.filled or None, "files": [str(path) for path in files]}
+    return {"model": diagram.name, "parameter": parameter, "unit": locus.unit, "values": locus.values.tolist(),
+            "poles": [[[s.real, s.imag] for s in row] for row in locus.poles.tolist()],
+            "T": None if locus.periods is None else locus.periods.tolist(), "limits": list(locus.limits),
+            "stability": [None if judged.undecided else judged.verdict for judged in locus.stability], "free": list(free),
+            "held": [h.as_dict() for h in locus.held],
+            "filled": locus.filled or None, "files": [str(path) for path in files]}
 
 
 # -- files -------------------------------------------------------------------------------------------------------------

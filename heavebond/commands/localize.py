@@ -35,16 +35,16 @@ def localize(experiment: str, fitted: bool, output: Path | None) -> dict[str, ob
     loaded = load_experiment(experiment)
     with terminal.working("localizing model errors") as progress:
         values = fit(loaded, progress=progress) if fitted else None
-        found = localize(loaded, values=values, progress=progress)
+        localization = localize(loaded, values=values, progress=progress)
     console = terminal.output()
-    terminal.show(localization_items(found))
-    if looked := cut(found.experiment, loaded):
+    terminal.show(localization_items(localization))
+    if looked := cut(localization.experiment, loaded):
         console.print(f"The records are long: only their beginning was analysed ({looked}); `from:` and `to:` of a record "
                       f"select another part.", soft_wrap=True)
-    files = _drawn(found, output) if output is not None else []
+    files = _drawn(localization, output) if output is not None else []
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
-    return {"experiment": found.experiment.name, **found.as_dict(), "files": list(map(str, files))}
+    return {"experiment": localization.experiment.name, **localization.as_dict(), "files": list(map(str, files))}
 
 
 def _drawn(found: Localization, output: Path) -> list[Path]:

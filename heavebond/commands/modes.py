@@ -57,21 +57,21 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
     with blamed_on_settings(settings), terminal.working("linearising"):
         operating = OperatingPoints(with_settings(load(model), settings), operating_time(at, steady))
         assembly, point = operating.assembly, operating.at()
-        found, judged, words, held, linear = _modes(assembly, point, slowest, operating.words)
-        shares = energy_shares(assembly, point, found)
+        listed_modes, judged, words, held, linear = _modes(assembly, point, slowest, operating.words)
+        shares = energy_shares(assembly, point, listed_modes)
     console = terminal.output()
     period, sampled = (linear.period, linear.sampled) if linear is not None else (None, ())
     first = [(_frequency(mode), *((f"{mode.damping:.4g}", f"{-mode.value.real:.4g} 1/s") if mode.value else ("", "")))
-             for mode in found]
-    states = found[0].states if period is not None and found else assembly.state_names
+             for mode in listed_modes]
+    states = listed_modes[0].states if period is not None and listed_modes else assembly.state_names
     title = f"{assembly.model.name} {operating.words}, {count(len(states), 'state')}"
     if period is None:
         rows = [(*begin, _named(share.energy or mode.participation), _named(share.damping))
-                for begin, mode, share in zip(first, found, shares, strict=True)]
+                for begin, mode, share in zip(first, listed_modes, shares, strict=True)]
         console.print(terminal.table(title, ("frequency", "damping", "decay", "energy in", "damping contribution"), rows,
                                      text=5))
     else:
-        rows = [(*begin, _pole(mode), _named(mode.participation)) for begin, mode in zip(first, found, strict=True)]
+        rows = [(*begin, _pole(mode), _named(mode.participation)) for begin, mode in zip(first, listed_modes, strict=True)]
         title = f"{title}, {sampled_words(period)}"
         console.print(terminal.table(title, ("frequency", "damping", "decay", "z", "states"), rows, text=5))
     for line in (*words, *sampled_lines(sampled)):
@@ -84,7 +84,7 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
     return {"model": assembly.model.name, "at": operating.words, "operating_point": _point_told(assembly, point),
             "stability": judged, "T": period, "sampled": [h.as_dict() for h in sampled],
             "held": [h.as_dict() for h in held], "stuck": notes, "filled": operating.filled or None,
-            "modes": [_told(mode, share) for mode, share in zip(found, shares, strict=True)]}
+            "modes": [_told(mode, share) for mode, share in zip(listed_modes, shares, strict=True)]}
 
 
 def _modes(assembly: Assembly, point: Point, slowest: int | None, at: str
@@ -103,15 +103,15 @@ def _modes(assembly: Assembly, point: Point, slowest: int | None, at: str
         judged = linear.stability()
         if judged.undecided:
             return linear.modes(), None, [f"{UNDECIDED} {at}: {'; '.join(judged.reasons)}"], linear.held, linear
-        told = [] if judged.growing or judged.stable else [f"{judged.verdict} {at}: {'; '.join(judged.reasons)}"]
-        told += [f"stable {at}"] if judged.stable and linear.period is not None else []
-        return linear.modes(), judged.verdict, _growth(len(judged.growing), at) + told, linear.held, linear
+        sentences = [] if judged.growing or judged.stable else [f"{judged.verdict} {at}: {'; '.join(judged.reasons)}"]
+        sentences += [f"stable {at}"] if judged.stable and linear.period is not None else []
+        return linear.modes(), judged.verdict, _growth(len(judged.growing), at) + sentences, linear.held, linear
     times = grid(model, None, None) if model.until is not None else [0.0, 1.0]
-    found = slow_modes(linearisation, point, float(times[-1] - times[0]), slowest or SLOW_MODES.count)
+    slow = slow_modes(linearisation, point, float(times[-1] - times[0]), slowest or SLOW_MODES.count)
     held = linearisation.held(point)
     if reasons := undecided_reasons(held):
-        return found.modes, None, [f"{UNDECIDED} {at}: {'; '.join(reasons)}", *_not_computed(found)], held, None
-    return found.modes, UNSTABLE if found.unstable else None, _growth(found.unstable, at) + _not_computed(found), held, None
+        return slow.modes, None, [f"{UNDECIDED} {at}: {'; '.join(reasons)}", *_not_computed(slow)], held, None
+    return slow.modes, UNSTABLE if slow.unstable else None, _growth(slow.unstable, at) + _not_computed(slow), held, None
 
 
 def _growth(growing: int, at: str) -> list[str]:

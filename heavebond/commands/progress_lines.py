@@ -40,26 +40,27 @@ class ProgressLines:
         counts = list(COUNTED.finditer(text))
         if not counts:
             return
-        found = counts[-1]
-        done, of = int(found.group(1)), int(found.group(2))
-        stage = (text[:found.start()], of)
-        if stage != self._stage or done < self._last[1]:
-            self._stage, self._first = stage, (now, done)
-        self._last = (now, done)
+        last_count = counts[-1]
+        steps_done, of = int(last_count.group(1)), int(last_count.group(2))
+        stage = (text[:last_count.start()], of)
+        if stage != self._stage or steps_done < self._last[1]:
+            self._stage, self._first = stage, (now, steps_done)
+        self._last = (now, steps_done)
 
     def left(self, now: float) -> float | None:
         """Seconds to the end of the stage at its mean rate so far; None if the rate is not known."""
-        done, took = self._last[1] - self._first[1], self._last[0] - self._first[0]
+        progressed, took = self._last[1] - self._first[1], self._last[0] - self._first[0]
         counted = COUNTED.search(self.text) is not None and self.text.startswith(self._stage[0])
-        if not counted or done <= 0 or took < TELLING or " left" in self.text:  # a study estimates it itself
+        if not counted or progressed <= 0 or took < TELLING or " left" in self.text:  # a study estimates it itself
             return None
-        return max(0.0, took / done * (self._stage[1] - self._last[1]) - (now - self._last[0]))
+        return max(0.0, took / progressed * (self._stage[1] - self._last[1]) - (now - self._last[0]))
 
     def line(self, now: float) -> str:
         """`diagnosing, 1 min 05 s: step 1: refitting 3 of 24: ...; about 40 s left for these 24`."""
-        left = self.left(now)
+        seconds_left = self.left(now)
         return f"{self.words}, {duration(now - self.began)}" + (f": {self.text}" if self.text else "") \
-            + (f"; about {duration(left)} left for these {self._stage[1]}" if left and round(left) else "")
+            + (f"; about {duration(seconds_left)} left for these {self._stage[1]}" if seconds_left and round(seconds_left)
+               else "")
 
 
 @contextlib.contextmanager

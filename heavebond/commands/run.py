@@ -107,8 +107,9 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
         from heavebond.optimise.verification import verify
 
         with blamed_on_settings(settings), terminal.working("repeating with tighter tolerances and narrower transitions"):
-            found = verify(result, names, [n.text for f in formulas.values() for n in names_in(f)], Tolerances(rtol), within)
-        _tell(found, told)
+            verification = verify(result, names, [n.text for f in formulas.values() for n in names_in(f)], Tolerances(rtol),
+                                  within)
+        _tell(verification, told)
     return told
 
 
@@ -157,14 +158,15 @@ def _files(result: Result, plotted: Sequence[str], output: Path | None, saved: S
 def _statistics(result: Result) -> str:
     from heavebond.core.presentation import count
 
-    said = result.statistics
-    seconds = said["seconds"]
+    statistics = result.statistics
+    seconds = statistics["seconds"]
     assert isinstance(seconds, dict)
     reduced = result.assembly.reduced
     parts = [f"{count(len(reduced.states), 'state')}, {count(len(reduced.algebraic), 'algebraic unknown')}",
              *([count(len(result.events), "event")] if result.assembly.flat.events else []),
-             f"{len(result.time)} points", f"solver {said['solver']} ({said['why']})", f"start {seconds['start']:.2g} s",
+             f"{len(result.time)} points", f"solver {statistics['solver']} ({statistics['why']})",
+             f"start {seconds['start']:.2g} s",
              f"integration {seconds['integration']:.2g} s"]
-    if "nsteps" in said:
-        parts.append(f"{said['nsteps']} steps")
+    if "nsteps" in statistics:
+        parts.append(f"{statistics['nsteps']} steps")
     return "; ".join(parts)

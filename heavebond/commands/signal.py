@@ -61,12 +61,12 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, until: str | 
         courses = _run(file, signals, settings, until, every, window)
     else:
         courses = read_courses(Path(file), signals, time=time, begin=window[0], end=window[1])
-    found = [SignalAnalysis(course, length) for course in courses]
-    figures = [_figures(one, slope) for one in found]
+    analyses = [SignalAnalysis(course, length) for course in courses]
+    figures = [_figures(one, slope) for one in analyses]
     console = terminal.output()
-    for one, told in zip(found, figures, strict=True):
+    for one, entry in zip(analyses, figures, strict=True):
         title = f"{one.course.name}, {one.course.time[0]:g} to {one.course.time[-1]:g} s"
-        console.print(terminal.table(title, ("", "value", "unit"), list(_rows(told, one.course.unit, slope)), text=1))
+        console.print(terminal.table(title, ("", "value", "unit"), list(_rows(entry, one.course.unit, slope)), text=1))
         if one.course.note:
             console.print(one.course.note, soft_wrap=True)
         console.print()
@@ -74,8 +74,8 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, until: str | 
         from heavebond.pictures.plot import save
         from heavebond.pictures.plot_spectra import plot_spectra
 
-        console.print(f"wrote {save(plot_spectra(found), output)}", soft_wrap=True)
-    return {"signals": {one.course.name: told for one, told in zip(found, figures, strict=True)}}
+        console.print(f"wrote {save(plot_spectra(analyses), output)}", soft_wrap=True)
+    return {"signals": {one.course.name: entry for one, entry in zip(analyses, figures, strict=True)}}
 
 
 def _run(file: str, signals: tuple[str, ...], settings: tuple[str, ...], until: str | None, every: str | None,
@@ -101,14 +101,14 @@ def _run(file: str, signals: tuple[str, ...], settings: tuple[str, ...], until: 
 def _figures(one: SignalAnalysis, slope: float) -> dict[str, Any]:
     """The numbers of a signal, in its unit and in s; only its mean if it does not vary."""
     course = one.course
-    told: dict[str, Any] = {"unit": course.unit, "from": float(course.time[0]), "to": float(course.time[-1]),
-                            "step": course.step, "note": course.note, "mean": one.mean, "deviation": one.deviation,
-                            "least": float(course.values.min()), "most": float(course.values.max())}
+    figures: dict[str, Any] = {"unit": course.unit, "from": float(course.time[0]), "to": float(course.time[-1]),
+                               "step": course.step, "note": course.note, "mean": one.mean, "deviation": one.deviation,
+                               "least": float(course.values.min()), "most": float(course.values.max())}
     if one.still:
-        return told
+        return figures
     known, counted = one.spectrum, one.waves
     heights = counted.heights.tolist()
-    return {**told, "significant": known.significant, "peak_period": known.peak_period, "mean_period": known.mean_period,
+    return {**figures, "significant": known.significant, "peak_period": known.peak_period, "mean_period": known.mean_period,
             "crossing_period": known.crossing_period, "segments": known.segments, "waves": len(heights),
             "wave_period": float(counted.periods.mean()) if heights else None,
             "highest_third": counted.significant[0], "period_of_highest_third": counted.significant[1],

@@ -29,11 +29,12 @@ def warn_of_growing(assembly: Assembly, point: Point) -> list[dict[str, object]]
     with suppress(SimulationError):  # the run reports it
         point = StartEvents(assembly).after(point)
     judged = Linearisation(assembly).at(point).stability()
-    found = sorted(() if judged.undecided else judged.growing, key=lambda e: -e.value.real)
-    if found:
-        terminal.warn(f"The steady start is not stable, so that the machine leaves it: {'; '.join(e.text for e in found)}. "
+    growing_modes = sorted(() if judged.undecided else judged.growing, key=lambda e: -e.value.real)
+    if growing_modes:
+        terminal.warn(f"The steady start is not stable, so that the machine leaves it: "
+                      f"{'; '.join(e.text for e in growing_modes)}. "
                       "`heavebond modes` shows its modes; guesses (`~`) may lead to another steady state.")
-    return [{"real": e.value.real, "imaginary": e.value.imag, "states": list(e.states)} for e in found]
+    return [{"real": e.value.real, "imaginary": e.value.imag, "states": list(e.states)} for e in growing_modes]
 
 
 def warn_where_it_stands(result: Result) -> list[dict[str, object]]:

@@ -29,8 +29,8 @@ def study(file: str, output: Path | None, processes: int | None, fresh: bool, sc
     """
     from heavebond.studies.study import load_study
 
-    asked = load_study(file)
-    return work_out(asked, output or Path(asked.path.stem), processes, fresh, scheduler)
+    loaded = load_study(file)
+    return work_out(loaded, output or Path(loaded.path.stem), processes, fresh, scheduler)
 
 
 def work_out(asked: Study, folder: Path, processes: int | None, fresh: bool, scheduler: str | None) -> dict[str, object]:

@@ -52,9 +52,9 @@ def sweep(model: str, overs: tuple[str, ...], measures: tuple[str, ...], sample:
     folder = output or Path(f"{path.stem}_sweep")
     values = settings_of("--set", settings)
     diagram = folder / f"{path.stem}_set.yaml" if values else path
-    asked = Sweep(diagram, tuple(map(read_over, overs)), tuple(map(read_measure, measures)), sample, seed, (begin, end),
-                  worst or "", plotted, path.stem)
-    text = study_text(asked, folder)
+    requested = Sweep(diagram, tuple(map(read_over, overs)), tuple(map(read_measure, measures)), sample, seed, (begin, end),
+                      worst or "", plotted, path.stem)
+    text = study_text(requested, folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if values:

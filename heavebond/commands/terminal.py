@@ -61,12 +61,12 @@ def table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, tex
     from rich.table import Table
     from rich.text import Text
 
-    made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    rich_table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for k, (name, width) in enumerate(zip(head, _widths(head, rows, output().width), strict=True)):
-        made.add_column(name, justify="left" if k < text else "right", overflow="fold", width=width)
+        rich_table.add_column(name, justify="left" if k < text else "right", overflow="fold", width=width)
     for row in rows:
-        made.add_row(*row)
-    return Group(*([Text(title, style="bold", no_wrap=True, overflow="ignore")] if title else []), made)
+        rich_table.add_row(*row)
+    return Group(*([Text(title, style="bold", no_wrap=True, overflow="ignore")] if title else []), rich_table)
 
 
 def _widths(head: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> Sequence[int | None]:
@@ -74,13 +74,13 @@ def _widths(head: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> S
     or if its longest words do not fit."""
     cells = [[name, *(row[k] for row in rows)] for k, name in enumerate(head)]
     words = [max((len(word) for cell in column for word in cell.split()), default=0) for column in cells]
-    found = [max(map(len, column)) for column in cells]
+    widths = [max(map(len, column)) for column in cells]
     room = width - GAP * (len(head) - 1)
-    if sum(found) <= room or sum(words) > room:
+    if sum(widths) <= room or sum(words) > room:
         return [None] * len(head)
-    while sum(found) > room:
-        found[max((k for k in range(len(head)) if found[k] > words[k]), key=found.__getitem__)] -= 1
-    return found
+    while sum(widths) > room:
+        widths[max((k for k in range(len(head)) if widths[k] > words[k]), key=widths.__getitem__)] -= 1
+    return widths
 
 
 def show(items: Sequence[Item]) -> None:
@@ -114,8 +114,8 @@ def print_problems(problems: Sequence[Problem]) -> None:
             console.print()
         _print_problem(console, problem)
     if len(problems) > 1:
-        shown = f", the first {PROBLEMS_SHOWN} are shown" if len(problems) > PROBLEMS_SHOWN else ""
-        console.print(f"\n{len(problems)} problems{shown}", style="bold red")
+        suffix = f", the first {PROBLEMS_SHOWN} are shown" if len(problems) > PROBLEMS_SHOWN else ""
+        console.print(f"\n{len(problems)} problems{suffix}", style="bold red")
 
 
 def _print_problem(console: Console, problem: Problem) -> None:

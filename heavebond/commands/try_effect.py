@@ -39,22 +39,22 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     from heavebond.estimation.experiment import load_experiment
     from heavebond.reports.result_tables import attempt_items
 
-    given = load_experiment(experiment)
-    targets = _targets(given, written)
+    loaded = load_experiment(experiment)
+    targets = _targets(loaded, written)
     with terminal.working("trying") as progress:
-        found = attempt(given, component, [*(between or ()), *at], progress=progress)
+        result = attempt(loaded, component, [*(between or ()), *at], progress=progress)
     console = terminal.output()
-    terminal.show(attempt_items(found))
-    targets = _targets(given, written)  # another command may have written to this folder meanwhile
-    files = [] if targets is None else write_findings(given, [found.finding], targets)
+    terminal.show(attempt_items(result))
+    targets = _targets(loaded, written)  # another command may have written to this folder meanwhile
+    files = [] if targets is None else write_findings(loaded, [result.finding], targets)
     if targets is not None and targets.passed:
         console.print(f"{targets.passed} exists and is kept: the new files have the next free number", soft_wrap=True)
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
     if files:
-        further = f"; heavebond diagnose {files[-1]}" if found.earned else ""
+        further = f"; heavebond diagnose {files[-1]}" if result.earned else ""
         console.print(f"next: heavebond compare {files[-1]}{further}", soft_wrap=True)
-    return {"experiment": given.name, **found.as_dict(), "files": list(map(str, files))}
+    return {"experiment": loaded.name, **result.as_dict(), "files": list(map(str, files))}
 
 
 def _targets(given: Experiment, written: Path | None) -> Targets | None:

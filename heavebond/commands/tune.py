@@ -75,12 +75,12 @@ def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str,
     check_picture(output)
     if written is not None:
         check_new(written, (".yaml",))
-    asked = tuning_request(study, cost, limits, evaluate, settings_of("--reference", reference))
+    request = tuning_request(study, cost, limits, evaluate, settings_of("--reference", reference))
     if stable is not None:
-        asked = replace(asked, task=replace(asked.task, stable=stable))
+        request = replace(request, task=replace(request.task, stable=stable))
     with blamed_on_settings(settings), terminal.working("tuning") as progress:
-        assembly = assemble(with_settings(asked.model, settings))
-        task = with_free(assembly, asked.task, free)
+        assembly = assemble(with_settings(request.model, settings))
+        task = with_free(assembly, request.task, free)
         if output is not None and (grid is None or len(task.free) != 2):
             raise UsageError("a cost surface needs two free parameters and --sweep", hint="Add --sweep 12.")
         objective = Objective(assembly, task)
@@ -91,9 +91,9 @@ def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str,
         robust = around(objective, result, progress=progress) if robustness and not early else None
         if task.end is not None or assembly.model.until is not None:
             simulate(assembly.with_parameters(result.values), task.end)  # for its verdict
-    terminal.show(tuning_items(asked.name, assembly, result, robust, swept))
-    files = _files(asked, result, robust, swept, output, written, settings_of("--set", settings))
-    figures = {**tuning_figures(asked.name, result, robust), "files": list(map(str, files))}
+    terminal.show(tuning_items(request.name, assembly, result, robust, swept))
+    files = _files(request, result, robust, swept, output, written, settings_of("--set", settings))
+    figures = {**tuning_figures(request.name, result, robust), "files": list(map(str, files))}
     if early:
         raise Interrupted(last_heard(), figures)
     return figures

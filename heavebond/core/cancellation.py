@@ -52,23 +52,23 @@ def listening(numbers: Sequence[int] = SIGNALS) -> Iterator[None]:
         yield
         return
     before = {number: signal.getsignal(number) for number in numbers}
-    taken = [number for number, handler in before.items() if handler in (signal.SIG_DFL, signal.default_int_handler)]
+    handled = [number for number, handler in before.items() if handler in (signal.SIG_DFL, signal.default_int_handler)]
     reported = sys.unraisablehook
 
     def report(dropped: sys.UnraisableHookArgs) -> None:
         if not isinstance(dropped.exc_value, Interrupted):  # (of a destructor or a callback: `check` raises it again)
             reported(dropped)
 
-    for number in taken:
+    for number in handled:
         signal.signal(number, _hear)
     sys.unraisablehook = report
     try:
         yield
     finally:
         sys.unraisablehook = reported
-        for number in taken:
+        for number in handled:
             signal.signal(number, before[number])
-        if taken:
+        if handled:
             _heard.clear()
             _last.clear()
 

@@ -95,13 +95,13 @@ class Cluster(Workers):
         during the answer, unless the scheduler is lost."""
         from distributed.comm.core import CommClosedError
 
-        for left in reversed(range(ANSWERS)):
+        for attempts_left in reversed(range(ANSWERS)):
             try:
-                found = await self.client.gather(task, asynchronous=True)
+                answers = await self.client.gather(task, asynchronous=True)
             except (asyncio.CancelledError, CancelledError):
                 _cancel(answer)
             except CommClosedError as error:
-                if self.client.status == "running" and left:
+                if self.client.status == "running" and attempts_left:
                     await asyncio.sleep(PAUSE)
                     continue
                 if self.client.status == "running":
@@ -111,7 +111,7 @@ class Cluster(Workers):
             except BaseException as error:
                 answer.set_exception(error)
             else:
-                answer.set_result(found)
+                answer.set_result(answers)
             return
 
     def listen(self) -> None:

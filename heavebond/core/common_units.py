@@ -53,13 +53,13 @@ def common_unit(text: str) -> tuple[float, Mapping[str, Fraction], str] | None:
 
 def _factors(text: str) -> dict[str, int] | None:
     """The power of each unit in a product."""
-    rest = text[1:] if text.startswith("1/") else "*" + text
+    remainder = text[1:] if text.startswith("1/") else "*" + text
     powers: dict[str, int] = {}
-    while rest:
-        found = _FACTOR.match(rest)
-        if found is None or found.group(2) not in _UNITS:
+    while remainder:
+        factor_match = _FACTOR.match(remainder)
+        if factor_match is None or factor_match.group(2) not in _UNITS:
             return None
-        sign = 1 if found.group(1) == "*" else -1
-        powers[found.group(2)] = powers.get(found.group(2), 0) + sign * int(found.group(3) or 1)
-        rest = rest[found.end():]
+        sign = 1 if factor_match.group(1) == "*" else -1
+        powers[factor_match.group(2)] = powers.get(factor_match.group(2), 0) + sign * int(factor_match.group(3) or 1)
+        remainder = remainder[factor_match.end():]
     return powers

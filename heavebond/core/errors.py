@@ -34,8 +34,8 @@ class Place:
         for start, place in reversed(self.continued):
             if characters >= start:
                 return place.moved(characters - start, length)
-        rest = tuple((start - characters, place) for start, place in self.continued)
-        return Place(self.file, self.line, self.column + characters, self.text, max(1, length), rest)
+        continued = tuple((start - characters, place) for start, place in self.continued)
+        return Place(self.file, self.line, self.column + characters, self.text, max(1, length), continued)
 
     def excerpt(self) -> list[str]:
         """The line with a caret below the range (tabs count as one column, as in `column`)."""
@@ -203,8 +203,8 @@ NAMES_LISTED = "`heavebond check --names` lists them all."
 
 def nearest(word: str, candidates: Iterable[str]) -> str | None:
     """The candidate that is most similar to `word`, if any."""
-    found = suggest(word, candidates)
-    return found.split("'")[1] if found else None
+    suggestion = suggest(word, candidates)
+    return suggestion.split("'")[1] if suggestion else None
 
 
 def either(words: Iterable[str], joint: str = "and") -> str:

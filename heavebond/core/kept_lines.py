@@ -41,9 +41,9 @@ class KeptLines:
         """Read the entries of a file to `resume` a search; else start an empty file."""
         if resume:
             return cls.read(path)
-        kept = cls(path)
-        kept.remove()
-        return kept
+        lines = cls(path)
+        lines.remove()
+        return lines
 
     def remove(self) -> None:
         """Remove the file after the search is complete."""
@@ -52,9 +52,9 @@ class KeptLines:
 
     def get(self, digest: str) -> Kept | None:
         """The entry with this digest, or None."""
-        found = self.known.get(digest)
-        self.taken += found is not None
-        return found
+        entry = self.known.get(digest)
+        self.taken += entry is not None
+        return entry
 
     def add(self, digest: str, entry: Kept) -> None:
         """Append an entry. If the file cannot be written, the search continues without it."""

@@ -190,21 +190,21 @@ def as_done(executor: Executor, function: Callable[..., T], jobs: Iterable[tuple
         elif isinstance(executor, Workers) and clock.monotonic() - heard > LISTEN:
             executor.listen()
             heard = clock.monotonic()
-        for done in ended:
-            job = running.pop(done)
-            if isinstance(executor, Workers) and done.cancelled():
+        for ended_job in ended:
+            job = running.pop(ended_job)
+            if isinstance(executor, Workers) and ended_job.cancelled():
                 executor.listen()
-            if workers is not None and isinstance(error := done.exception(), workers.died):
+            if workers is not None and isinstance(error := ended_job.exception(), workers.died):
                 lost.append((job, error))
             else:
-                yield job[0], done.result()
+                yield job[0], ended_job.result()
         if lost and workers is not None and instead is not None:
             while workers.together and running:  # lost too, but not all of them report it yet
-                done, job = running.popitem()
-                if isinstance(error := done.exception(), workers.died):
+                ended_job, job = running.popitem()
+                if isinstance(error := ended_job.exception(), workers.died):
                     lost.append((job, error))
                 else:
-                    yield job[0], done.result()
+                    yield job[0], ended_job.result()
             yield from _again(workers, function, lost, instead)
 
 
@@ -212,9 +212,9 @@ def _again(workers: Workers, function: Callable[..., T], lost: Sequence[Lost[K]]
            instead: Callable[[K, BaseException], T]) -> Iterator[tuple[K, T]]:
     """Repeat jobs that were lost with a worker, each alone unless it was the only one."""
     workers.renew()
-    for (key, given), error in lost:
+    for (key, arguments), error in lost:
         for _ in range(ALONE if workers.together else 0):
-            again = workers.submit(function, *given)
+            again = workers.submit(function, *arguments)
             if not isinstance(found := again.exception(), workers.died):
                 yield key, again.result()
                 break

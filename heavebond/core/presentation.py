@@ -59,13 +59,13 @@ def readable_unit(unit: str, size: float) -> str:
     somebody and stays."""
     if unit not in READABLE or not math.isfinite(size) or size == 0:
         return unit
-    return next(shown for least, shown in READABLE[unit] if abs(size) >= least)
+    return next(display_unit for least, display_unit in READABLE[unit] if abs(size) >= least)
 
 
 def readable_units(unit: str) -> list[tuple[float, str, float]]:
     """Display units for values in a base unit: least size for the unit, unit, and size of that unit, largest first; empty
     for a unit that stays."""
-    return [(least, shown, read_unit(shown).scale) for least, shown in READABLE.get(unit, ())]
+    return [(least, display_unit, read_unit(display_unit).scale) for least, display_unit in READABLE.get(unit, ())]
 
 
 def converted(values: NDArray[np.float64], unit: str, shown: str) -> NDArray[np.float64]:
@@ -78,29 +78,29 @@ def converted(values: NDArray[np.float64], unit: str, shown: str) -> NDArray[np.
 
 def readable(value: float, unit: str, digits: int = 5, *, beside: float | None = None) -> str:
     """A value with its unit: 17250000 Pa as `172.5 bar`; in the display unit of another value if `beside` is given."""
-    shown = readable_unit(unit, value if beside is None else beside)
-    if shown != unit:
-        value = read_unit(shown).from_si(value)
-    return f"{number(value, digits)} {shown}" if shown != "1" else number(value, digits)
+    display_unit = readable_unit(unit, value if beside is None else beside)
+    if display_unit != unit:
+        value = read_unit(display_unit).from_si(value)
+    return f"{number(value, digits)} {display_unit}" if display_unit != "1" else number(value, digits)
 
 
 def difference_unit(unit: str) -> tuple[float, str]:
     """The unit of differences of values in a unit, and its size in it: for temperatures, whose scales have an offset, the
     kelvin (for 1 degF 5/9 K)."""
-    found = read_unit(unit) if unit else None
-    return (found.scale, "K") if found is not None and found.offset else (1.0, unit)
+    read = read_unit(unit) if unit else None
+    return (read.scale, "K") if read is not None and read.offset else (1.0, unit)
 
 
 def readable_difference(value: float, unit: str, digits: int = 5, *, beside: float | None = None) -> str:
     """A difference of values, an error or a noise, with its unit: for degC in K."""
-    scale, shown = difference_unit(unit)
-    return readable(scale * value, shown, digits, beside=None if beside is None else scale * beside)
+    scale, display_unit = difference_unit(unit)
+    return readable(scale * value, display_unit, digits, beside=None if beside is None else scale * beside)
 
 
 def written(value: float, unit: str, digits: int) -> str:
     """A value with its unit as on paper: `0.017 m²`."""
-    first, *rest = readable(value, unit, digits).split(" ", 1)
-    return " ".join([first, *map(unit_label, rest)])
+    first, *unit_words = readable(value, unit, digits).split(" ", 1)
+    return " ".join([first, *map(unit_label, unit_words)])
 
 
 def readable_time(seconds: float, *others: float) -> list[str]:
@@ -130,8 +130,8 @@ def in_unit(value: float, unit: Unit, digits: int) -> str:
 
 def path_text(path: Path) -> str:
     """A path as a user would type it: from the current folder where it lies below."""
-    whole, here = path.resolve(), Path.cwd()
-    return str(whole.relative_to(here) if whole.is_relative_to(here) else path)
+    whole, current = path.resolve(), Path.cwd()
+    return str(whole.relative_to(current) if whole.is_relative_to(current) else path)
 
 
 def count(how_many: int, thing: str, plural: str = "") -> str:
@@ -167,9 +167,9 @@ def columns(rows: Sequence[Sequence[str]], width: int) -> list[str]:
         narrow = width - begin < 24
         if narrow and len(row[-1]) > width - begin:
             lines.append(head.rstrip())
-            head, rest = " " * 6, 6
+            head, remaining = " " * 6, 6
         else:
-            rest = begin
-        wrapped = textwrap.wrap(row[-1], max(20, width - rest), break_long_words=False, break_on_hyphens=False)
-        lines += [(head + (wrapped[0] if wrapped else "")).rstrip(), *(" " * rest + line for line in wrapped[1:])]
+            remaining = begin
+        wrapped = textwrap.wrap(row[-1], max(20, width - remaining), break_long_words=False, break_on_hyphens=False)
+        lines += [(head + (wrapped[0] if wrapped else "")).rstrip(), *(" " * remaining + line for line in wrapped[1:])]
     return lines

@@ -87,8 +87,8 @@ def reporting(function: Callable[P, T]) -> Callable[P, T]:
 
     @wraps(function)
     def wrapped(*args: P.args, **named: P.kwargs) -> T:
-        given: Any = named.pop("progress", None)
-        with reported(function.__name__, given) as say:
+        progress: Any = named.pop("progress", None)
+        with reported(function.__name__, progress) as say:
             if say is not None:
                 named["progress"] = say
             return function(*args, **named)

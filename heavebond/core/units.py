@@ -238,10 +238,10 @@ def _as_product(text: str) -> str:
 
 
 def _with_signs(text: str) -> str:
-    found = re.fullmatch(r"([A-Za-z]{1,6})(?:\*\*)?(-?[1-9]?)", text)
-    if found is None:
+    unit_match = re.fullmatch(r"([A-Za-z]{1,6})(?:\*\*)?(-?[1-9]?)", text)
+    if unit_match is None:
         return ""
-    word, power = found.group(1), f"**{found.group(2)}" if found.group(2) else ""
+    word, power = unit_match.group(1), f"**{unit_match.group(2)}" if unit_match.group(2) else ""
     ends = range(len(word), 0, -1)
     splits = [[p for p in (word[:i], word[i:j], word[j:]) if p] for j in ends for i in ends if i <= j]
     known = [pieces for pieces in splits if all(common_unit(p) is not None for p in pieces)]
@@ -287,11 +287,11 @@ def declared_unit(text: str) -> Unit:
 
 def _without_brackets(text: str) -> str:
     """`a/(b*c)` as `a/b/c`, `a/(b/c)` as `a/b*c`: the only brackets that units need."""
-    found = re.fullmatch(r"(.*)/\(([^()]*)\)", text)
-    if not found:
+    quotient_match = re.fullmatch(r"(.*)/\(([^()]*)\)", text)
+    if not quotient_match:
         return text
-    factors = re.findall(r"(^|/|(?<!\*)\*(?!\*))((?:[^*/]|\*\*)+)", found.group(2))
-    return found.group(1) + "".join(("*" if sign == "/" else "/") + part for sign, part in factors)
+    factors = re.findall(r"(^|/|(?<!\*)\*(?!\*))((?:[^*/]|\*\*)+)", quotient_match.group(2))
+    return quotient_match.group(1) + "".join(("*" if sign == "/" else "/") + part for sign, part in factors)
 
 
 def read_unit(text: str) -> Unit:
@@ -333,13 +333,13 @@ def parse_quantity(text: str) -> tuple[float, Unit | None]:
     """`42 kN/m` to (42000.0, unit); the unit is None if none is written. Raises UnitProblem."""
     if len(text) > QUANTITY:
         raise UnitProblem("not-a-quantity", f"'{text[:30]} ...' is too long for a number with a unit", AS_QUANTITY)
-    found = _QUANTITY.match(text)
-    if not found or "^" in text:
+    quantity_match = _QUANTITY.match(text)
+    if not quantity_match or "^" in text:
         raise UnitProblem(*_why_not(text))
-    number = _number(found.group(1), text)
-    if found.group(2) is None:
+    number = _number(quantity_match.group(1), text)
+    if quantity_match.group(2) is None:
         return number, None
-    read = read_unit(found.group(2))
+    read = read_unit(quantity_match.group(2))
     return _within(read.to_si(number), text), read
 
 
@@ -379,9 +379,9 @@ AS_QUANTITY = "Write for example `42 kN/m`, or a formula that begins with `=`."
 
 def parse_range(text: str) -> Range:
     """`30 .. 70 kN*s/m` or `42 kN/m +- 20 %` or `42 +- 3 kN/m`; raises UnitProblem."""
-    found = _RANGE.match(text) if len(text) <= QUANTITY else None
-    if found:
-        low, low_unit, high, high_unit = found.groups()
+    range_match = _RANGE.match(text) if len(text) <= QUANTITY else None
+    if range_match:
+        low, low_unit, high, high_unit = range_match.groups()
         last = read_unit(high_unit or low_unit or "1")
         first = read_unit(low_unit) if low_unit else last
         if first.dimension != last.dimension:
@@ -393,30 +393,30 @@ def parse_range(text: str) -> Range:
                               f"`{' '.join(filter(None, [high, high_unit if low_unit else None]))} .. {low} "
                               f"{low_unit or high_unit or ''}".rstrip() + "`.")
         return Range(*bounds, last)
-    found = _BAND.match(text) if len(text) <= QUANTITY else None
-    if not found:
+    range_match = _BAND.match(text) if len(text) <= QUANTITY else None
+    if not range_match:
         raise UnitProblem("not-a-range", f"'{text}' is not a range", _range_hint(text))
-    number, number_unit, width, width_unit = found.groups()
-    own = read_unit(number_unit or ("1" if width_unit in (None, "%") else width_unit))
-    value = own.to_si(_number(number, text))
-    if width_unit == "%" and own.offset:
-        raise UnitProblem("range-relative", f"a percentage of '{number} {own.text}' depends on the zero of the scale",
-                          f"Write a width: `{number} {own.text} +- 5 K`.")
+    number, number_unit, width, width_unit = range_match.groups()
+    range_unit = read_unit(number_unit or ("1" if width_unit in (None, "%") else width_unit))
+    value = range_unit.to_si(_number(number, text))
+    if width_unit == "%" and range_unit.offset:
+        raise UnitProblem("range-relative", f"a percentage of '{number} {range_unit.text}' depends on the zero of the scale",
+                          f"Write a width: `{number} {range_unit.text} +- 5 K`.")
     if width_unit == "%":
         half = abs(value) * _number(width, text) / 100
     else:
-        half = abs(_number(width, text)) * read_unit(width_unit or own.text).scale
+        half = abs(_number(width, text)) * read_unit(width_unit or range_unit.text).scale
     if half <= 0:
         raise UnitProblem("range-empty", f"the range '{text}' has no width", "Write a tolerance above 0.")
-    return Range(value - half, value + half, own, value)
+    return Range(value - half, value + half, range_unit, value)
 
 
 def _range_hint(text: str) -> str:
     """Suggestion for a malformed range: a tolerance with another sign, or a quantity without one."""
     signed = re.sub(r"\s*(\+/-|±|\+ -)\s*", " +- ", text)
-    for meant in (signed, f"{text.strip()} +- 20 %"):
-        if _BAND.match(meant) and len(meant) <= QUANTITY:
-            return f"Write `{meant}`."
+    for candidate in (signed, f"{text.strip()} +- 20 %"):
+        if _BAND.match(candidate) and len(candidate) <= QUANTITY:
+            return f"Write `{candidate}`."
     return "Write `30 .. 70 kN*s/m` or `42 kN/m +- 20 %`."
 
 
@@ -467,8 +467,8 @@ def as_meant(given: Unit, wanted: Unit) -> Unit:
 
 def other_unit(given: Unit, wanted: Unit) -> str:
     """Correction for a unit of another dimension."""
-    if (meant := as_meant(given, wanted)) is not given:
-        return f"{given.text} is the gram; write `{meant.text}` for the acceleration of gravity, 9.80665 m/s**2."
+    if (intended := as_meant(given, wanted)) is not given:
+        return f"{given.text} is the gram; write `{intended.text}` for the acceleration of gravity, 9.80665 m/s**2."
     return f"Write it in {wanted.text} or in a multiple of it."
 
 
@@ -479,8 +479,8 @@ def check_turns(given: str, wanted: Unit, subject: str, place: Place | None, pro
     if read.dimension != wanted.dimension or wanted.dimension != FREQUENCY or (not read.counts and read.scale == 1):
         return
     if (instead := counted_otherwise(read, wanted)) is not None:
-        what = "radians" if wanted.counts == "angle" else "cycles"
-        problems.add("unit-cycles", f"{subject} is in {wanted.text}; {given} does not count {what}", place, hint=instead)
+        counted = "radians" if wanted.counts == "angle" else "cycles"
+        problems.add("unit-cycles", f"{subject} is in {wanted.text}; {given} does not count {counted}", place, hint=instead)
 
 
 @lru_cache(maxsize=4096)

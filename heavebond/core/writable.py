@@ -120,8 +120,8 @@ def _check_replaceable(name: str, folder: int) -> None:
 
 def _by_descriptor(folder: int, fresh: Path) -> Path:
     """A path of a file in an opened folder that stays valid if the folder is moved and a link is put in its place."""
-    found = Path(f"/proc/{os.getpid()}/fd/{folder}")  # Linux
-    return found / fresh.name if found.exists() else fresh
+    link = Path(f"/proc/{os.getpid()}/fd/{folder}")  # Linux
+    return link / fresh.name if link.exists() else fresh
 
 
 def _created(fresh: str | Path, at: dict[str, int]) -> int:
@@ -206,5 +206,5 @@ def make_folder(folder: Path) -> None:
         else:
             folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        said = f"the folder '{folder}' cannot be created: {(error.strerror or str(error)).lower()}"
-        raise UsageError([Problem("file-unwritable", said, None, "Give another one.")]) from None
+        message = f"the folder '{folder}' cannot be created: {(error.strerror or str(error)).lower()}"
+        raise UsageError([Problem("file-unwritable", message, None, "Give another one.")]) from None

@@ -28,12 +28,12 @@ def with_channel_noise(experiment: Experiment) -> Experiment:
               if output.noise is None and name not in experiment.estimated_noise]
     if not wanted:
         return experiment
-    found: dict[str, list[Samples]] = {name: [] for name in wanted}
+    samples: dict[str, list[Samples]] = {name: [] for name in wanted}
     for record in experiment.records.values():
         with suppress(HeavebondError):
             channels = measure(experiment, record).channels
             for name in wanted:
-                found[name].append(channels[name])
-    estimates = {name: estimate_noise([(c.measured, c.time) for c in channels]) for name, channels in found.items()}
+                samples[name].append(channels[name])
+    estimates = {name: estimate_noise([(c.measured, c.time) for c in channels]) for name, channels in samples.items()}
     known = {name: estimate for name, estimate in estimates.items() if estimate.deviation > 0}
     return replace(experiment, estimated_noise={**experiment.estimated_noise, **known})

@@ -144,8 +144,8 @@ class RecordComparison:
     def normalised(self) -> float:
         """Root mean square of the channels' normalised errors. Constant channels have no normalised error and are
         omitted; NaN if all channels are constant."""
-        found = [c.normalised for c in self.channels.values() if math.isfinite(c.normalised)]
-        return float(np.sqrt(np.mean(np.square(found)))) if found else math.nan
+        errors = [c.normalised for c in self.channels.values() if math.isfinite(c.normalised)]
+        return float(np.sqrt(np.mean(np.square(errors)))) if errors else math.nan
 
     @property
     def chi2(self) -> float:
@@ -212,9 +212,10 @@ def outside_ranges(experiment: Experiment, values: Mapping[str, float]) -> list[
         value, unit = values.get(name), free.range.unit
         slack = 1e-9 * (free.range.high - free.range.low)
         if value is not None and not free.range.low - slack <= value <= free.range.high + slack:
-            shown, low, high = (in_unit(v, unit, 6) for v in (value, free.range.low, free.range.high))
+            value_text, low, high = (in_unit(v, unit, 6) for v in (value, free.range.low, free.range.high))
             of = "" if unit.text == "1" else f" {unit.text}"
-            lines.append(f"{name} is {shown}{of} in the diagram, outside its range {low} .. {high}{of} under `free:`: a fit "
+            lines.append(f"{name} is {value_text}{of} in the diagram, outside its range {low} .. {high}{of} under "
+                         "`free:`: a fit "
                          "begins inside the range. Set the value or the range right")
     return lines
 
@@ -270,17 +271,17 @@ def compare_record(experiment: Experiment, record: Record,
     texts = [o.shown.text for o in experiment.outputs.values()]
     simulated = dict(zip(texts, Probe(result.assembly, texts, si=True).values(result), strict=True))
     fitted, checking = {}, {}
-    for name, found in measured.channels.items():
-        unit = read_unit(found.output.shown.unit)
-        model = np.asarray((simulated[found.output.shown.text] - unit.offset) / unit.scale)
-        sound = ~found.outlier
-        late = lateness(found.time[sound] - found.output.shift, found.measured[sound], measured.grid, model)
-        astray = outliers(found.time, found.measured - model[found.index], max(found.noise, found.step)) & sound
-        fitted[name] = _channel(name, found, model[found.index], found.fitted, astray, late)
-        if found.checking.any():
-            checking[name] = _channel(name, found, model[found.index], found.checking, astray, late)
+    for name, samples in measured.channels.items():
+        unit = read_unit(samples.output.shown.unit)
+        model = np.asarray((simulated[samples.output.shown.text] - unit.offset) / unit.scale)
+        sound = ~samples.outlier
+        late = lateness(samples.time[sound] - samples.output.shift, samples.measured[sound], measured.grid, model)
+        astray = outliers(samples.time, samples.measured - model[samples.index], max(samples.noise, samples.step)) & sound
+        fitted[name] = _channel(name, samples, model[samples.index], samples.fitted, astray, late)
+        if samples.checking.any():
+            checking[name] = _channel(name, samples, model[samples.index], samples.checking, astray, late)
     held_out = RecordComparison(f"{record.name}, held out", "validate", record.file, checking, result) if checking else None
-    held_inputs = [name for name, given in experiment.inputs_for(record).items() if given.interpolation == "hold"]
+    held_inputs = [name for name, file_input in experiment.inputs_for(record).items() if file_input.interpolation == "hold"]
     slips = {} if measured.time_suspect else {
         c.name: _slips(c, measured.channels[c.name].output, measured.declared.get(c.name)) for c in fitted.values()}
     steady = result.assembly.model.initial.mode == "steady"
@@ -290,12 +291,12 @@ def compare_record(experiment: Experiment, record: Record,
     closed = closed_loops(experiment, record, {c.name: (c.time, c.measured, c.model) for c in fitted.values()},
                           prescribing_inputs(result.assembly))
     adjusted = bool(parameters) or not experiment.free
-    slipped = tuple(f"{name} {said}" for name, told in slips.items() for said in told)
+    slipped = tuple(f"{name} {remark}" for name, remarks in slips.items() for remark in remarks)
     notes = (*measured.notes, *slipped, *_notes(measured, fitted, slips, held_inputs, adjusted), *starts,
              *frozen_notes(experiment, record, fitted), *swapped_notes(experiment, record, result.assembly, fitted),
              *noise_notes(experiment, measured), *smoothing_notes(experiment, record, result.assembly), *closed,
              *changes_of(result, states=False))
-    doubtful = frozenset(fitted) - {name for name, told in slips.items() if not told and name not in measured.declared}
+    doubtful = frozenset(fitted) - {name for name, remarks in slips.items() if not remarks and name not in measured.declared}
     return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, notes, doubtful, starts,
                             closed, tuple(c.name for c in elsewhere), slipped)
 
@@ -303,8 +304,8 @@ def compare_record(experiment: Experiment, record: Record,
 def _states(assembly: Assembly, experiment: Experiment) -> list[str]:
     """The outputs that are states of the model, or formulas of states alone."""
     t, x, z, p, u, _ = assembly.arguments
-    shown = {name: assembly.expression(output.shown.expr) for name, output in experiment.outputs.items()}
-    return [name for name, formula in shown.items()
+    expressions = {name: assembly.expression(output.shown.expr) for name, output in experiment.outputs.items()}
+    return [name for name, formula in expressions.items()
             if ca.depends_on(formula, x) and not ca.depends_on(formula, ca.veccat(t, z, p, u))]
 
 
@@ -347,9 +348,9 @@ def _state_advice(channel: Channel, output: Output, result: Result) -> str:
     k = max(states, key=lambda k: abs(slopes[k]) * float(assembly.x_nominal[k]))
     unknown = assembly.flat.unknowns[assembly.reduced.states[k][0]]
     value = readable(float(start.x[k]) + missing / float(slopes[k]), unknown.unit.text, 6)
-    others = [assembly.state_names[j] for j in states if j != k]
+    other_states = [assembly.state_names[j] for j in states if j != k]
     return f"write `initial: {{{unknown.name}: {value}}}` at this record" + (
-        f" (or another value of {listing(others, 3)})" if others else "")
+        f" (or another value of {listing(other_states, 3)})" if other_states else "")
 
 
 def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[str, Sequence[str]],
@@ -368,12 +369,12 @@ def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[s
              for c in channels.values() if c.astray.any()]
     notes += [_late_note(c, measured.channels[c.name].output.shift) for c in sure.values()]
     # if several errors are present, a delay is only one possible explanation
-    other = ", ".join(f"{c.name} {_late_by(c)}" for c in late if c.name not in sure)
-    if other:
+    others_text = ", ".join(f"{c.name} {_late_by(c)}" for c in late if c.name not in sure)
+    if others_text:
         more = any(c.late is not None and not c.late.explains(c.noise) for c in late)
         why = "more than a shift is wrong, and missing physics shifts" if more else \
             "the free parameters are not fitted yet, and their errors shift"
-        notes.append(f"nearer if shifted in time: {other}; but {why} phases too: fit first")
+        notes.append(f"nearer if shifted in time: {others_text}; but {why} phases too: fit first")
     return (*notes, *held)
 
 
@@ -391,9 +392,10 @@ def _held_too_long(channels: Mapping[str, Channel], inputs: Sequence[str]) -> li
 def _slips(channel: Channel, output: Output, declared: Unit | None) -> list[str]:
     measured, model = channel.measured[channel.counts], channel.model[channel.counts]
     formula = output.shown.text
-    found = (seems_in_another_unit(measured, model, channel.unit, declared), seems_of_another_sign(measured, model, formula),
-             seems_from_another_zero(measured, model, channel.unit, formula))
-    return [said for said in found if said]
+    remarks = (seems_in_another_unit(measured, model, channel.unit, declared),
+               seems_of_another_sign(measured, model, formula),
+               seems_from_another_zero(measured, model, channel.unit, formula))
+    return [remark for remark in remarks if remark]
 
 
 def _late_note(channel: Channel, declared: float) -> str:
@@ -438,14 +440,14 @@ def driven_by(assembly: Assembly, experiment: Experiment, own: Record, other: Re
             return None
         numbers[name] = float(value.text) if value.si else value.text
     common, apart = ({name: s for name, s in record.settings.items() if name not in own_names} for record in (own, other))
-    given, before = experiment.inputs_for(other), experiment.inputs_for(own)
+    other_inputs, before = experiment.inputs_for(other), experiment.inputs_for(own)
     flat = assembly.flat
     alike = common == apart and own.conditions == other.conditions and \
-        given.keys() == before.keys() == {k.name for k in flat.inputs} and \
-        all((g.unit, g.interpolation) == (before[name].unit, before[name].interpolation) for name, g in given.items())
+        other_inputs.keys() == before.keys() == {k.name for k in flat.inputs} and \
+        all((g.unit, g.interpolation) == (before[name].unit, before[name].interpolation) for name, g in other_inputs.items())
     if not alike:
         return None
-    inputs = tuple(replace(known, source=given[known.name]) for known in flat.inputs)
+    inputs = tuple(replace(known, source=other_inputs[known.name]) for known in flat.inputs)
     expanded = replace(flat.expanded, model=experiment.model_for(other))
     driven = replace(assembly, reduced=replace(assembly.reduced, flat=replace(flat, inputs=inputs, expanded=expanded)))
     return driven.with_parameters(numbers)
@@ -453,18 +455,18 @@ def driven_by(assembly: Assembly, experiment: Experiment, own: Record, other: Re
 
 def _check_output(assembly: Assembly, name: str, output: Output, problems: Problems) -> None:
     try:
-        found = assembly.resolver().unit(output.shown.expr)
+        unit = assembly.resolver().unit(output.shown.expr)
         assembly.expression(output.shown.expr)
     except ExpressionProblem as problem:
         reading.add_expression_problem(problem, output.shown.place, problems)
         return
-    if found is None:
+    if unit is None:
         return
-    if found.dimension != read_unit(output.shown.unit).dimension:
-        problems.add("unit-wrong", f"output '{name}' is in {found.text}, its column in {output.shown.unit}", output.place,
-                     hint=other_unit(read_unit(output.shown.unit), found))
+    if unit.dimension != read_unit(output.shown.unit).dimension:
+        problems.add("unit-wrong", f"output '{name}' is in {unit.text}, its column in {output.shown.unit}", output.place,
+                     hint=other_unit(read_unit(output.shown.unit), unit))
         return
-    check_turns(output.shown.unit, found, f"output '{name}'", output.place, problems)
+    check_turns(output.shown.unit, unit, f"output '{name}'", output.place, problems)
     if counts_from_origin(output.shown.unit):
         try:
             weight = check_origins(output.shown.expr, assembly.flat.origins.lookup(), shown=True)

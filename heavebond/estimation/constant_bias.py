@@ -77,13 +77,13 @@ def mean_residual(residuals: Array) -> Bias | None:
 def common_bias(biases: Sequence[Bias | None], noise: float) -> Bias | None:
     """The bias that all records share, weighted by precision; None with a single record, if one of them is not
     significant, or if they differ in sign or size."""
-    found = [bias for bias in biases if bias is not None and bias.significant]
-    if len(found) < len(biases) or len(found) < 2:
+    significant = [bias for bias in biases if bias is not None and bias.significant]
+    if len(significant) < len(biases) or len(significant) < 2:
         return None
-    weights = np.array([1 / max(bias.deviation, 1e-3 * abs(bias.value))**2 for bias in found])
-    mean = float(weights @ [bias.value for bias in found] / weights.sum())
+    weights = np.array([1 / max(bias.deviation, 1e-3 * abs(bias.value))**2 for bias in significant])
+    mean = float(weights @ [bias.value for bias in significant] / weights.sum())
     alike = all(bias.value * mean > 0 and abs(bias.value - mean) <= max(BIAS_CHECK.similar * abs(mean), 2 * bias.deviation)
-                for bias in found)
+                for bias in significant)
     return Bias(mean, float(1 / np.sqrt(weights.sum()))) if alike and abs(mean) > BIAS_CHECK.noticeable * noise else None
 
 
@@ -97,9 +97,10 @@ def advice(experiment: Experiment, name: str, bias: Bias, chi2: float) -> str:
     sign = "+" if value > 0 else "-"
     attempt = f"heavebond try {path_text(experiment.path)} SensorOffset --at"
     inputs = dict.fromkeys([*experiment.inputs, *(n for r in experiment.records.values() for n in r.inputs)])
-    other = f" or of an input (--at {listing(inputs, 3)})" if inputs else ""
-    cause = f"which suggests an offset of the sensor{other}" if chi2 < BIAS_CHECK.otherwise_good else \
-        f"from an offset of the sensor{other}, or from a missing effect, as without it chi-square is still {number(chi2, 3)}"
+    input_text = f" or of an input (--at {listing(inputs, 3)})" if inputs else ""
+    cause = f"which suggests an offset of the sensor{input_text}" if chi2 < BIAS_CHECK.otherwise_good else \
+        f"from an offset of the sensor{input_text}, or from a missing effect, as without it chi-square is still " \
+        f"{number(chi2, 3)}"
     return f"{name}: bias equal on all records, {size}, {cause}: " \
         f"`{attempt} {name}` estimates it; `is: {output.shown.text} {sign} {number(abs(value), 3)}{unit}` at this output " \
         "corrects the sensor"
@@ -109,18 +110,18 @@ def _written(output: Output, value: float, beside: float | None = None) -> tuple
     """A difference of a channel as a number and its unit: for degC in K."""
     scale, unit = difference_unit(output.shown.unit)
     value *= scale
-    shown = readable_unit(unit, value if beside is None else scale * beside)
-    if shown != unit:
-        value *= read_unit(unit).scale / read_unit(shown).scale
-    return value, "" if shown == "1" else f" {shown}"
+    display_unit = readable_unit(unit, value if beside is None else scale * beside)
+    if display_unit != unit:
+        value *= read_unit(unit).scale / read_unit(display_unit).scale
+    return value, "" if display_unit == "1" else f" {display_unit}"
 
 
 def all_advice(experiment: Experiment, residuals: Mapping[str, Sequence[Array]], noise: Mapping[str, float]) -> list[str]:
     """The lines for all channels; `residuals` (n,) of each by record, measured minus model, in its unit."""
-    found = {name: common_bias([mean_residual(part) for part in parts], noise[name]) for name, parts in residuals.items()}
-    rest = {name: max((float(np.var(part)) / noise[name]**2 for part in parts if len(part)), default=0.0)
-            for name, parts in residuals.items() if found[name] is not None}
-    lines = [advice(experiment, name, bias, rest[name]) for name, bias in found.items() if bias is not None]
+    biases = {name: common_bias([mean_residual(part) for part in parts], noise[name]) for name, parts in residuals.items()}
+    remaining_chi2 = {name: max((float(np.var(part)) / noise[name]**2 for part in parts if len(part)), default=0.0)
+                      for name, parts in residuals.items() if biases[name] is not None}
+    lines = [advice(experiment, name, bias, remaining_chi2[name]) for name, bias in biases.items() if bias is not None]
     if len(lines) > 1:
         lines.append(f"{len(lines)} channels are biased at once: one wrong value of the diagram (a load, a supply, an "
                      "ambient temperature) or a missing effect is a likelier cause than an offset of each sensor")

@@ -61,17 +61,17 @@ def excerpt(experiment: Experiment, compared: Comparison, samples: int | None = 
         return experiment
     most = max(1, (samples or max(EXCERPTS.excerpt // cost, EXCERPTS.least)) // len(fitted))
     records = dict(experiment.records)
-    for found in compared.records.values():
-        end = _end(found, most if found.use == "fit" else EXCERPTS.checking * most)
+    for record_comparison in compared.records.values():
+        end = _end(record_comparison, most if record_comparison.use == "fit" else EXCERPTS.checking * most)
         if end is not None:
-            records[found.name] = replace(records[found.name], end=end)
+            records[record_comparison.name] = replace(records[record_comparison.name], end=end)
     return replace(experiment, records=records) if records != experiment.records else experiment
 
 
 def _cost(record: RecordComparison) -> int:
     """Weight of a sample of a record, by the number of evaluations of a run between two samples; see `evaluations`."""
-    taken = record.result.statistics.get("nfevals")
-    between = float(taken) / len(record.result.time) if isinstance(taken, (int, float)) else 0.0
+    evaluations_taken = record.result.statistics.get("nfevals")
+    between = float(evaluations_taken) / len(record.result.time) if isinstance(evaluations_taken, (int, float)) else 0.0
     return max(1, round(between / EXCERPTS.evaluations))
 
 

@@ -136,18 +136,18 @@ class Experiment:
     def with_parameters(self, values: Dictionary[str, str]) -> Experiment:
         """The experiment with values of parameters as text, which override those set for a single record."""
         model = self.model.with_parameters(values)
-        given = {path: value for path, value in model.settings.items() if self.model.settings.get(path) != value}
+        settings = {path: value for path, value in model.settings.items() if self.model.settings.get(path) != value}
         return replace(self, model=model, records={
-            name: replace(record, settings={**record.settings, **given}) for name, record in self.records.items()})
+            name: replace(record, settings={**record.settings, **settings}) for name, record in self.records.items()})
 
     def with_record_values(self, values: Dictionary[str, Dictionary[str, float | str]]) -> Experiment:
         """The experiment with values of parameters and initial values (`initial.crown.x`) for single records, by their
         names; in SI, or as text."""
         records = dict(self.records)
-        for name, given in values.items():
-            model, record = self.model.with_parameters(given), records[name]
-            settings = {path: model.settings[path] for path in given if path in model.settings}
-            conditions = {state: model.initial.conditions[state] for path in given
+        for name, record_values in values.items():
+            model, record = self.model.with_parameters(record_values), records[name]
+            settings = {path: model.settings[path] for path in record_values if path in model.settings}
+            conditions = {state: model.initial.conditions[state] for path in record_values
                           if (state := path.removeprefix("initial.")) != path}
             records[name] = replace(record, settings={**record.settings, **settings},
                                     conditions={**record.conditions, **conditions})
@@ -157,26 +157,26 @@ class Experiment:
         """The model of one record: the diagram with its measured inputs, settings and initial values; a run continues to
         its end."""
         settings = {**self.model.settings, **record.settings}
-        for path, given in self.inputs_for(record).items():
-            settings[path] = Setting(path, given, given.place)
+        for path, file_input in self.inputs_for(record).items():
+            settings[path] = Setting(path, file_input, file_input.place)
         initial = replace(self.model.initial, conditions={**self.model.initial.conditions, **record.conditions})
         return replace(self.model, settings=settings, initial=initial, ends=None)
 
     def inputs_for(self, record: Record) -> dict[str, FileInput]:
         """The measured inputs of a record by name, with file and time column."""
-        found = {}
-        for path, given in {**self.inputs, **record.inputs}.items():
-            found[path] = given if given.file != Path() else replace(given, file=record.file)
-            if given.time_column is None:
-                found[path] = replace(found[path], time_column=self.time_column, time_unit=self.time_unit)
-            found[path] = replace(found[path], zero=(record.file, self.time_column))
-        return found
+        inputs = {}
+        for path, file_input in {**self.inputs, **record.inputs}.items():
+            inputs[path] = file_input if file_input.file != Path() else replace(file_input, file=record.file)
+            if file_input.time_column is None:
+                inputs[path] = replace(inputs[path], time_column=self.time_column, time_unit=self.time_unit)
+            inputs[path] = replace(inputs[path], zero=(record.file, self.time_column))
+        return inputs
 
     def origin_of(self, record: Record, name: str) -> Origin:
         """File and time column of an output in a record."""
-        common, own = self.outputs[name].origin, record.origins.get(name, Origin())
-        timed = next((o for o in (own, common) if o.time_column), Origin(None, self.time_column, self.time_unit))
-        return Origin(own.file or common.file or record.file, timed.time_column, timed.time_unit)
+        common, origin = self.outputs[name].origin, record.origins.get(name, Origin())
+        timed = next((o for o in (origin, common) if o.time_column), Origin(None, self.time_column, self.time_unit))
+        return Origin(origin.file or common.file or record.file, timed.time_column, timed.time_unit)
 
     def holds_out(self, record: Record) -> bool:
         """True if sections of a record are held out of the fit as validation data, because no other record is."""
@@ -186,7 +186,7 @@ class Experiment:
 def with_inputs_moved(experiment: Experiment, to: Dictionary[str, str]) -> Experiment:
     """The experiment with measured inputs redirected to other inputs, by the names of both."""
     def there(inputs: Dictionary[str, FileInput]) -> dict[str, FileInput]:
-        return {to.get(name, name): given for name, given in inputs.items()}
+        return {to.get(name, name): file_input for name, file_input in inputs.items()}
 
     records = {n: replace(r, inputs=there(r.inputs)) for n, r in experiment.records.items()}
     return replace(experiment, inputs=there(experiment.inputs), records=records)
@@ -200,8 +200,8 @@ def changed_experiment(experiment: Experiment, change: Change) -> Experiment:
     model = change.on_model(experiment.model)
     outputs = dict(experiment.outputs)
     for channel, formula in change.channels.items():
-        shown = replace(outputs[channel].shown, expr=parse_formula(formula), text=formula)
-        outputs[channel] = replace(outputs[channel], shown=shown)
+        output_shown = replace(outputs[channel].shown, expr=parse_formula(formula), text=formula)
+        outputs[channel] = replace(outputs[channel], shown=output_shown)
 
     def lost(name: str) -> bool:
         owner, _, parameter = name.partition("[")[0].rpartition(".")
@@ -299,8 +299,8 @@ class _Reader:
             outputs={**found.outputs, **self._outputs(root.items.get("outputs"), found.outputs)},
             free=self._free(root.items.get("free"), found.free), files=(*found.files, self.source.path))
         experiment = with_inputs_moved(experiment, self._moves(root.items.get("inputs"), experiment))
-        for key, what in (("records", experiment.records), ("outputs", experiment.outputs), ("time", time_column)):
-            if not what:
+        for key, section in (("records", experiment.records), ("outputs", experiment.outputs), ("time", time_column)):
+            if not section:
                 problems.add("key-missing", f"an experiment needs the entry '{key}'", root.place, hint=EXAMPLES[key])
         for record in experiment.records.values():
             for unknown in [n for n in record.origins if n not in experiment.outputs]:
@@ -317,17 +317,17 @@ class _Reader:
         """Read the records; one of the extended experiment without a `file` gets further values under `set` and
         `initial`.
         """
-        found = {}
+        records = {}
         for name, key, item in self._entries(node, "records"):
             entry = reading.mapping(item, f"record '{name}'", self.problems)
             if entry is not None and name in before and entry.items and set(entry.items) <= {"set", "initial"}:
                 settings = read_settings(entry.items.get("set"), self.source, self.problems)
                 conditions = read_conditions(entry.items.get("initial"), self.problems)
-                found[name] = replace(before[name], settings={**before[name].settings, **settings},
-                                      conditions={**before[name].conditions, **conditions})
+                records[name] = replace(before[name], settings={**before[name].settings, **settings},
+                                        conditions={**before[name].conditions, **conditions})
             elif entry is not None:
-                found[name] = self._record(name, key, entry)
-        return found
+                records[name] = self._record(name, key, entry)
+        return records
 
     def _record(self, name: str, key: Scalar, entry: Mapping) -> Record:
         problems = self.problems
@@ -350,50 +350,52 @@ class _Reader:
     def _moves(self, node: Node | None, experiment: Experiment) -> dict[str, str]:
         """Read `lag.u: valve.u`: the column that was the input `valve.u` of the extended experiment now drives `lag.u`."""
         known = [*experiment.inputs, *(n for r in experiment.records.values() for n in r.inputs)]
-        found = {}
+        moves = {}
         for name, _, item in self._entries(node, "inputs"):
             if isinstance(item, Scalar) and item.text in known:
-                found[item.text] = name
+                moves[item.text] = name
             elif isinstance(item, Scalar):
                 self.problems.add("input-unknown", f"there is no input '{item.text}' that '{name}' could replace",
                                   item.place, hint=suggest(item.text, known)
                                   or f"Write `{name}: {{column: ..., unit: ...}}`.")
-        return found
+        return moves
 
     def _inputs(self, node: Node | None) -> dict[str, FileInput]:
-        found = {}
+        inputs = {}
         for name, key, item in self._entries(node, "inputs"):
             if isinstance(item, Scalar):
                 continue  # it replaces another input of the record
             entry = reading.mapping(item, f"input '{name}'", self.problems)
-            given = reading.file_input(entry, self.source, self.problems, name, file=False) if entry is not None else None
-            if given is not None and entry is not None:
-                noise = self._noise(entry.items.get("noise"), given.unit)
-                found[name] = replace(given, place=key.place, noise=noise or 0.0)
-        return found
+            file_input = reading.file_input(entry, self.source, self.problems, name,
+                                            file=False) if entry is not None else None
+            if file_input is not None and entry is not None:
+                noise = self._noise(entry.items.get("noise"), file_input.unit)
+                inputs[name] = replace(file_input, place=key.place, noise=noise or 0.0)
+        return inputs
 
     def _outputs(self, node: Node | None, before: Dictionary[str, Output]) -> dict[str, Output]:
-        found = {}
+        outputs = {}
         for name, key, item in self._entries(node, "outputs"):
             if name in before and isinstance(item, Mapping) and "column" not in item.items:
-                found[name] = self._amended(before[name], item)
+                outputs[name] = self._amended(before[name], item)
                 continue
-            shown = shown_as(name, item, key, self.problems, extra=("column", "noise", "file", "time", "shift", "outliers"))
-            if shown is None or not isinstance(item, Mapping):
+            shown_output = shown_as(name, item, key, self.problems,
+                                    extra=("column", "noise", "file", "time", "shift", "outliers"))
+            if shown_output is None or not isinstance(item, Mapping):
                 continue
             column = item.items.get("column")
             if column is None:
                 self.problems.add("key-missing", f"output '{name}' needs the entry 'column'", key.place,
                                   hint="Add `column: name_in_the_file`.")
                 continue
-            if counts_from_origin(shown.unit) and origins(shown.expr, self._node_origin) == 0:
-                shown = replace(shown, unit=interval_unit(shown.unit))  # a difference of temperatures
-            noise = self._noise(item.items.get("noise"), shown.unit)
+            if counts_from_origin(shown_output.unit) and origins(shown_output.expr, self._node_origin) == 0:
+                shown_output = replace(shown_output, unit=interval_unit(shown_output.unit))  # a difference of temperatures
+            noise = self._noise(item.items.get("noise"), shown_output.unit)
             outliers = reading.choice(item.items.get("outliers"), "outliers", ("drop", "keep"), self.problems)
-            found[name] = Output(shown, reading.text(column, "column", self.problems), noise, column.place,
-                                 self._origin(item), self._time(item.items.get("shift"), "shift") or 0.0,
-                                 outliers == "drop")
-        return found
+            outputs[name] = Output(shown_output, reading.text(column, "column", self.problems), noise, column.place,
+                                   self._origin(item), self._time(item.items.get("shift"), "shift") or 0.0,
+                                   outliers == "drop")
+        return outputs
 
     def _node_origin(self, name: Name) -> float | None:
         """1 for a temperature of a node, which has the name in its domain; None for other names.
@@ -420,18 +422,18 @@ class _Reader:
         if "shift" in item.items:
             output = replace(output, shift=self._time(item.items["shift"], "shift") or 0.0)
         if "outliers" in item.items:
-            said = reading.choice(item.items["outliers"], "outliers", ("drop", "keep"), self.problems)
-            output = replace(output, drop_outliers=said == "drop")
+            choice = reading.choice(item.items["outliers"], "outliers", ("drop", "keep"), self.problems)
+            output = replace(output, drop_outliers=choice == "drop")
         return output
 
     def _origins(self, node: Node | None) -> dict[str, Origin]:
-        found = {}
+        origins = {}
         for name, _, item in self._entries(node, "outputs"):
             entry = reading.mapping(item, f"output '{name}'", self.problems)
             if entry is not None:
                 reading.known_keys(entry, ("file", "time"), f"output '{name}' of a record", self.problems)
-                found[name] = self._origin(entry)
-        return found
+                origins[name] = self._origin(entry)
+        return origins
 
     def _origin(self, entry: Mapping) -> Origin:
         file, time = entry.items.get("file"), entry.items.get("time")
@@ -465,15 +467,15 @@ class _Reader:
         return number / channel.scale
 
     def _free(self, node: Node | None, before: Dictionary[str, Free]) -> dict[str, Free]:
-        found = dict(before)
+        free = dict(before)
         for name, key, item in self._entries(node, "free"):
             each = False
             if isinstance(item, Scalar) and item.text == FIXED:
-                if name not in found:
+                if name not in free:
                     self.problems.add("free-unknown", f"'{name}' is not free in the experiment that this one extends",
-                                      item.place, hint=suggest(name, found) or (f"Free there: {listing(found)}."
-                                                                                if found else "Leave this line out."))
-                found.pop(name, None)
+                                      item.place, hint=suggest(name, free) or (f"Free there: {listing(free)}."
+                                                                               if free else "Leave this line out."))
+                free.pop(name, None)
                 continue
             if isinstance(item, Mapping):
                 reading.known_keys(item, ("range", "each"), f"'{name}'", self.problems, required=("range",))
@@ -481,10 +483,10 @@ class _Reader:
                 item = item.items.get("range", key)
             try:
                 content = reading.text(item, name, self.problems)
-                found[name] = Free(name, parse_range(content), item.place, each)
+                free[name] = Free(name, parse_range(content), item.place, each)
             except UnitProblem as problem:
                 self.problems.add(problem.code, f"{name}: {problem.message}", item.place, hint=problem.hint)
-        return found
+        return free
 
 
 def _check_apart(records: Sequence[Record], problems: Problems) -> None:

@@ -67,10 +67,10 @@ def frozen_notes(experiment: Experiment, record: Record, channels: Mapping[str, 
         stretch = _frozen(c.measured)
         if stretch is not None and np.ptp(c.model[stretch]) > COLUMN_CHECKS.moving * np.ptp(c.model):
             notes.append(_frozen_note(c.name, c.time, c.measured, c.unit, stretch, "the model moves on"))
-    for name, given in experiment.inputs_for(record).items():
-        if given.interpolation == "hold":  # a command stays as it is
+    for name, file_input in experiment.inputs_for(record).items():
+        if file_input.interpolation == "hold":  # a command stays as it is
             continue
-        time, values = _samples(given)
+        time, values = _samples(file_input)
         stretch = _frozen(values)
         if stretch is None:
             continue
@@ -79,7 +79,7 @@ def frozen_notes(experiment: Experiment, record: Record, channels: Mapping[str, 
         moving = [c for c in channels.values() for later in [(c.time > (first + last) / 2) & (c.time <= last)]
                   if later.sum() > 2 and np.ptp(c.measured[later]) > COLUMN_CHECKS.moving * np.ptp(c.measured)]
         if moving:
-            notes.append(_frozen_note(name, time, values, given.unit, stretch, f"{moving[0].name} moves on"))
+            notes.append(_frozen_note(name, time, values, file_input.unit, stretch, f"{moving[0].name} moves on"))
     return tuple(notes)
 
 
@@ -87,10 +87,10 @@ def swapped_notes(experiment: Experiment, record: Record, assembly: Assembly, ch
                   ) -> tuple[str, ...]:
     """A note for an output that leads an input of the same kind, which it follows in the model."""
     notes = []
-    for name, given in experiment.inputs_for(record).items():
-        time, values = _samples(given)
+    for name, file_input in experiment.inputs_for(record).items():
+        time, values = _samples(file_input)
         for c in channels.values():
-            if read_unit(given.unit).dimension != read_unit(c.unit).dimension:
+            if read_unit(file_input.unit).dimension != read_unit(c.unit).dimension:
                 continue
             u = np.interp(c.time, time, values)
             measured, model = _lag(u, c.measured), _lag(u, c.model)
@@ -98,14 +98,14 @@ def swapped_notes(experiment: Experiment, record: Record, assembly: Assembly, ch
                 lead = -measured * float(np.median(np.diff(c.time)))
                 output = experiment.outputs[c.name]
                 notes.append(f"{c.name} leads the input {name} by {number(lead, 3)} s, whereas it follows it in the model: "
-                             f"are the columns '{given.column}' and '{output.column}' swapped?")
+                             f"are the columns '{file_input.column}' and '{output.column}' swapped?")
     return tuple(notes)
 
 
 def prescribing_inputs(assembly: Assembly) -> frozenset[str]:
     """The inputs that prescribe a variable which a node shares: the position of a shaker, the voltage of a source."""
     flat = assembly.flat
-    found = set()
+    names = set()
     for known in flat.inputs:
         part, _, signal = known.name.rpartition(".")
         leaf = flat.expanded.leaves.get(part)
@@ -115,8 +115,8 @@ def prescribing_inputs(assembly: Assembly) -> frozenset[str]:
         shared = [d.members[m].unit.dimension for port in leaf.component.ports
                   if (d := flat.domains.get(f"{part}.{port}")) is not None for m in (*d.across, *d.positions)]
         if leaf.component.power == "source" and dimension in shared:
-            found.add(known.name)
-    return frozenset(found)
+            names.add(known.name)
+    return frozenset(names)
 
 
 def _samples(given: FileInput) -> tuple[Array, Array]:

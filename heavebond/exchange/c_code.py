@@ -30,9 +30,9 @@ def export_c(model: Model, path: str | Path, inputs: Iterable[str] = ()) -> Port
     """Write the equations of a diagram as C; every external name in it begins with that of the file."""
     path = Path(path)
     prefix = c_name(path.stem)
-    made = portable(model, inputs, f"{prefix}_")
-    write_text(path, c_text(made, prefix))
-    return made
+    exported = portable(model, inputs, f"{prefix}_")
+    write_text(path, c_text(exported, prefix))
+    return exported
 
 
 def c_name(text: str) -> str:
@@ -167,8 +167,8 @@ def _limit_arrays(made: Portable, prefix: str) -> list[str]:
     graces = [physical_grace(u, size if size > 0 else u.nominal) for u, size in zip(made.limited, above, strict=True)]
     longest = max((len(a) + len(b) for a, b in zip(texts, advice, strict=True)), default=0) + SPARE
     return [f"enum {{ {prefix}_n_l = {len(texts)}, {prefix}_n_m = {longest} }};",
-            *(f"static const char *const {prefix}_l_{name}[] = {{{', '.join(found or ['0'])}}};"
-              for name, found in (("text", texts), ("advice", advice))),
+            *(f"static const char *const {prefix}_l_{name}[] = {{{', '.join(entries or ['0'])}}};"
+              for name, entries in (("text", texts), ("advice", advice))),
             f"static const double {prefix}_l_grace[] = {{{', '.join(map(repr, graces or [0.0]))}}};"]
 
 
@@ -191,10 +191,10 @@ def _event_arrays(made: Portable, prefix: str) -> list[str]:
         "break_direction": [int(b.direction) for _, b in breakaways]}
     times = grid(made.assembly.model, None, None) if made.assembly.model.until is not None else [0.0, 1.0]
     return [
-        "enum { " + ", ".join(f"{prefix}_{name} = {len(found)}" for name, found in (
+        "enum { " + ", ".join(f"{prefix}_{name} = {len(values)}" for name, values in (
             ("n_c", conditions), ("n_e", made.events), ("n_r", resets), ("n_f", made.sizes), ("n_b", breakaways))) + " };",
-        *(f"static const int {prefix}_{name}[] = {{{', '.join(map(str, found or [0]))}}};"
-          for name, found in numbers.items()),
+        *(f"static const int {prefix}_{name}[] = {{{', '.join(map(str, values or [0]))}}};"
+          for name, values in numbers.items()),
         f"static const double {prefix}_f_size[] = {{{', '.join(map(repr, made.sizes or (0.0,)))}}};",
         f"static const double {prefix}_span = {float(times[-1] - times[0]) or 1.0!r}; /* s; of the run of the diagram */"]
 
@@ -209,6 +209,6 @@ def _start_arrays(made: Portable, prefix: str) -> list[str]:
     return [
         "enum { " + ", ".join(f"{prefix}_{name} = {count}" for name, count in zip(
             ("n_s", "n_a", "n_q", "start_square"), counts, strict=True)) + " };",
-        *(f"static const int {prefix}_start_{name}[] = {{{', '.join(map(str, found or [0]))}}};"
-          for name, found in numbers.items()),
+        *(f"static const int {prefix}_start_{name}[] = {{{', '.join(map(str, values or [0]))}}};"
+          for name, values in numbers.items()),
         f"static const double {prefix}_start_size[] = {{{', '.join(map(repr, starting.sizes or (1.0,)))}}};"]

@@ -106,11 +106,11 @@ def view_shape(kind: str) -> Schema:
 
 def experiment() -> Schema:
     """A diagram with records."""
-    own = _object({"file": TEXT, "time": TIME_AXIS})
+    record_schema = _object({"file": TEXT, "time": TIME_AXIS})
     record = _object({
         "file": _said("CSV, Parquet or MAT file"), "use": {"enum": list(USES)}, "from": TIME, "to": TIME,
         "set": {"$ref": "#/definitions/settings"}, "initial": _each(QUANTITY), "inputs": {"$ref": "#/definitions/inputs"},
-        "outputs": _each(own)})
+        "outputs": _each(record_schema)})
     record["anyOf"] = [{"required": ["file", "use"]}, {"propertyNames": {"enum": ["set", "initial"]}}]
     output = _object({
         "is": _said("a formula; without it the name itself", FORMULA), "column": _said("its name in the file"), "unit": UNIT,
@@ -243,17 +243,17 @@ def parts() -> dict[str, Schema]:
 
 def instances(known: Library) -> dict[str, Schema]:
     """`components:` of a diagram or block, and the entries of a part of each kind."""
-    found: dict[str, Component] = {}
+    components: dict[str, Component] = {}
     for name in known.files:
         try:
-            found[name] = known.component(name)
+            components[name] = known.component(name)
         except ModelError:
             continue  # a wrong component is reported at its use; its name may be completed
-    kinds = list(dict.fromkeys([*known.names(), *found]))
-    said = [found[name].summary if name in found else "" for name in kinds]
+    kinds = list(dict.fromkeys([*known.names(), *components]))
+    summaries = [components[name].summary if name in components else "" for name in kinds]
     by_kind = [{"if": {"required": ["is"], "properties": {"is": {"const": name}}},
-                "then": {"$ref": f"#/definitions/is.{quote(name)}"}} for name in found]
+                "then": {"$ref": f"#/definitions/is.{quote(name)}"}} for name in components]
     part = {"type": "object", "required": ["is"], "allOf": by_kind, "properties": {
-        **COMMON_ENTRIES, "is": {"enum": kinds, "enumDescriptions": said, "description": "a component"}}}
+        **COMMON_ENTRIES, "is": {"enum": kinds, "enumDescriptions": summaries, "description": "a component"}}}
     return {"components": _each(part, "the parts: name and component of each"),
-            **{f"is.{name}": instance_of(component) for name, component in found.items()}}
+            **{f"is.{name}": instance_of(component) for name, component in components.items()}}

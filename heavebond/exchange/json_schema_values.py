@@ -27,21 +27,21 @@ TIME_AXIS: Schema = {"type": "object", "additionalProperties": False, "required"
 @lru_cache(maxsize=256)
 def written_units(unit: Unit) -> tuple[str, ...]:
     """Units in which a value may be written if `unit` is declared, the declared one first."""
-    found = [unit.text]
+    units = [unit.text]
     for text in (*COMMON, *MORE):
-        other = read_unit(text)
-        if other.dimension == unit.dimension and other.counts == unit.counts and text not in found:
-            found.append(text)
-    return tuple(found)
+        read = read_unit(text)
+        if read.dimension == unit.dimension and read.counts == unit.counts and text not in units:
+            units.append(text)
+    return tuple(units)
 
 
 def quantity(unit: Unit | None = None, description: str = "") -> Schema:
     """A number with a unit, a formula, or a bare 0; without unit a plain number too."""
-    said: Schema = {"description": description} if description else {}
+    annotation: Schema = {"description": description} if description else {}
     if unit is None or (unit.dimension == ONE and not unit.counts) or is_generic(unit.dimension):
-        return {**said, "anyOf": [{"type": "number"}, {"type": "string", "pattern": QUANTITY}]}
+        return {**annotation, "anyOf": [{"type": "number"}, {"type": "string", "pattern": QUANTITY}]}
     units = written_units(unit)
-    return {**said, "anyOf": [{"type": "string", "pattern": QUANTITY}, {"const": 0}],
+    return {**annotation, "anyOf": [{"type": "string", "pattern": QUANTITY}, {"const": 0}],
             "examples": [f"1 {text}" for text in units],
             "defaultSnippets": [{"label": f"... {text}", "body": f"${{1:1}} {text}"} for text in units]}
 
@@ -52,10 +52,10 @@ def parameter(declared: Parameter) -> Schema:
     parts += [f"default {declared.default.text}"] if declared.default is not None else []
     parts += [f"at least {declared.low:g}"] if declared.low is not None else []
     parts += [f"at most {declared.high:g}"] if declared.high is not None else []
-    said = ", ".join(part for part in parts if part)
+    description = ", ".join(part for part in parts if part)
     if declared.integer:
-        return {"anyOf": [{"type": "integer"}, {"type": "string"}], "description": said}
-    return quantity(declared.unit, said)
+        return {"anyOf": [{"type": "integer"}, {"type": "string"}], "description": description}
+    return quantity(declared.unit, description)
 
 
 LISTS: tuple[Schema, ...] = (
@@ -73,9 +73,9 @@ def listed(declared: Parameter) -> Schema:
 
 def signal(port: SignalPort) -> Schema:
     """The value of a signal input: a quantity, a formula, or a column of a record."""
-    said = ", ".join(part for part in (port.doc, f"in {port.unit.text}") if part)
+    description = ", ".join(part for part in (port.doc, f"in {port.unit.text}") if part)
     several = LISTS[:1] if port.count is not None else ()
-    return {"description": f"{said}; or joined by a node",
+    return {"description": f"{description}; or joined by a node",
             "anyOf": [quantity(port.unit), {"$ref": "#/definitions/column"}, *several]}
 
 
@@ -99,10 +99,10 @@ def units() -> Schema:
 def instance_of(component: Component) -> Schema:
     """The entries of a part of this kind."""
     lists = {name: p for name, p in component.parameters.items() if p.count is not None}
-    given = {name: listed(p) if name in lists else parameter(p) for name, p in component.parameters.items()}
-    given |= {name: signal(s) for name, s in component.signals.items() if s.direction == "in"}
+    settings = {name: listed(p) if name in lists else parameter(p) for name, p in component.parameters.items()}
+    settings |= {name: signal(s) for name, s in component.signals.items() if s.direction == "in"}
     elements = {rf"^{name}\[\s*\d+\s*((,|\]\[)\s*\d+\s*)?\]$": parameter(p) for name, p in lists.items()}
-    return {"description": component.summary, "additionalProperties": False, "properties": {**COMMON_ENTRIES, **given},
+    return {"description": component.summary, "additionalProperties": False, "properties": {**COMMON_ENTRIES, **settings},
             **({"patternProperties": elements} if elements else {})}
 
 

@@ -23,8 +23,8 @@ STRUCTURED = re.compile(r"(der\()*[A-Za-z_]\w*(\[[0-9]+\])?(\.[A-Za-z_]\w*(\[[0-
 
 def description(made: Portable, identifier: str, token: str, version: int = 3) -> bytes:
     """The XML that describes the contents of the FMU; `version` of the standard is 2 or 3."""
-    shown = [q for group in (made.states, made.inputs, made.outputs) for q in group]
-    structured = all(STRUCTURED.fullmatch(q.name) for q in shown)
+    shown_quantities = [q for group in (made.states, made.inputs, made.outputs) for q in group]
+    structured = all(STRUCTURED.fullmatch(q.name) for q in shown_quantities)
     root = Xml.Element("fmiModelDescription", {
         "fmiVersion": f"{version}.0", "modelName": made.name, "instantiationToken" if version == 3 else "guid": token,
         "generationTool": f"heavebond {VERSION}",
@@ -122,8 +122,8 @@ class _Variables3:
             self.add(name, first + n_x + k, "local", "continuous", initial="calculated", unit=unit_name(unit),
                      derivative=str(first + k))
         first += 2 * n_x
-        for k, (q, shown) in enumerate(zip(made.parameters, made.tunable, strict=True)):
-            if shown:
+        for k, (q, is_tunable) in enumerate(zip(made.parameters, made.tunable, strict=True)):
+            if is_tunable:
                 self.add(q.name, first + k, "parameter", "tunable", initial="exact", **_told(q), **_bounds(q))
             elif held := made.held.get(k):
                 self.add(held.name, first + k, "local", "discrete", initial="exact", **_told(replace(q, doc=held.doc)))
@@ -142,11 +142,11 @@ class _Variables3:
 
     def conditions(self, made: Portable, first: int) -> list[int]:
         """The event indicators as variables, and their value references."""
-        found = _conditions(made)
-        for k, event in enumerate(found):
+        events = _conditions(made)
+        for k, event in enumerate(events):
             self.add(f"{event.name}.indicator", first + k, "local", "continuous", initial="calculated",
                      description=f"above 0 where this is true: {event.text}")
-        return list(range(first, first + len(found)))
+        return list(range(first, first + len(events)))
 
     def structured(self, solved: list[int], rates: list[int], outputs: list[int], indicators: list[int]) -> None:
         """Outputs, derivatives of states, initial unknowns (also the states that are solved for), and event indicators,

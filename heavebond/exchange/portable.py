@@ -221,23 +221,23 @@ def _column(before: Assembly, after: Assembly) -> Array:
 def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
     flat, first = assembly.flat, start(assembly, None, column)
     t, x, z, p, pieces, rate = assembly.arguments
-    shown = list(assembly.model.show) or assembly.state_names
-    outputs = stack([signal_expression(assembly, n) for n in shown])
+    output_names = list(assembly.model.show) or assembly.state_names
+    outputs = stack([signal_expression(assembly, n) for n in output_names])
     jacobian = ca.densify(ca.jacobian(assembly.alg, z)).T if z.numel() else ca.SX(0, 0)
     symbols = [ca.SX.sym("u", 4) for _ in flat.inputs]
-    given = stack([t, *(s / ca.SX(ca.DM([1, 1, 2, 6])) for s in symbols)])  # c_k = u^(k) / k!
+    inputs_with_rates = stack([t, *(s / ca.SX(ca.DM([1, 1, 2, 6])) for s in symbols)])  # c_k = u^(k) / k!
     followed = differentiated(assembly)
-    happenings = [assembly.express(stack(found)) for found in (
+    happenings = [assembly.express(stack(group)) for group in (
         [e.indicator for e in flat.events if e.indicator is not None], [flat.levels[0][j] for j in followed],
         [flat.levels[1][e.breakaway.speed] for e in flat.events if e.breakaway],
         [flat.levels[0][flat.names[u.name]] - u.plausible.least for u in limited(assembly).unknowns])]
     updates = assembly.update_order.at(first.p)
     right = ca.substitute([assembly.ode, outputs, assembly.alg, ca.vec(jacobian), *happenings, updates.values],
-                          [pieces, rate], [given if flat.inputs else pieces, ca.SX(1)])
+                          [pieces, rate], [inputs_with_rates if flat.inputs else pieces, ca.SX(1)])
     used = {s.element_hash() for side in right for s in ca.symvar(side)}
-    kept = [(k, order) for k, s in enumerate(symbols) for order, one in enumerate(split(s))
-            if order == 0 or one.element_hash() in used]
-    u = stack([symbols[k][order] for k, order in kept])
+    kept_inputs = [(k, order) for k, s in enumerate(symbols) for order, one in enumerate(split(s))
+                   if order == 0 or one.element_hash() in used]
+    u = stack([symbols[k][order] for k, order in kept_inputs])
     equations = ca.Function(f"{prefix}equations", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[:4]]))
     happening = ca.Function(f"{prefix}happenings", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[4:7]]))
     limits = ca.Function(f"{prefix}limits", [t, x, z, p, u], ca.cse([ca.densify(right[7])]))
@@ -253,14 +253,14 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
     by_all = ca.Function(f"{prefix}jacobian", [t, x, z, p, u],
                          ca.cse([ca.vec(by_unknowns), ca.densify(ca.jtimes(laws, t, ca.SX(1)))]))
     instants = ca.Function(f"{prefix}instants", [p], [ca.densify(assembly.express(stack(
-        ca.SX(0) if e is None else e for e in found))) for found in (
+        ca.SX(0) if e is None else e for e in group))) for group in (
             [event.first for event in flat.events], [event.period for event in flat.events])])
     starting = _start_conditions(assembly, first, column, symbols, u, f"{prefix}starting")
     return Portable(assembly, _columns(assembly, assembly.reduced.states, first.x, assembly.x_nominal),
                     _columns(assembly, assembly.reduced.algebraic, first.z, assembly.z_nominal),
                     _parameters(assembly, first), tuple(not q.name.startswith(DERIVED) for q in flat.parameters),
-                    tuple(_input(assembly, k, order, column) for k, order in kept),
-                    tuple(_outputs(assembly, shown, outputs, first, column)), equations, directions, by_all,
+                    tuple(_input(assembly, k, order, column) for k, order in kept_inputs),
+                    tuple(_outputs(assembly, output_names, outputs, first, column)), equations, directions, by_all,
                     happening, updated, instants, tuple(float(flat.unknowns[j].nominal) for j in followed), starting, limits)
 
 
@@ -274,9 +274,9 @@ def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: 
     guesses = equations.guess.columns([(j, order) for j, order in (*assembly.reduced.states, *assembly.reduced.algebraic)])
     sides = [whole.residuals, whole.slopes, *((aims.residuals, aims.slopes) if aims else (ca.SX(0, 1), ca.SX(0, 1)))]
     orders = ca.SX(ca.DM([1, 0, 0, 0] if equations.steady else [1, 1, 1 / 2, 1 / 6]))  # c_k = u^(k) / k!
-    given = stack([t, *(s * orders for s in symbols)])
+    inputs_with_rates = stack([t, *(s * orders for s in symbols)])
     sides = ca.substitute([*sides, guesses], [pieces, rate],
-                          [given if flat.inputs else pieces, ca.SX(0 if equations.steady else 1)])
+                          [inputs_with_rates if flat.inputs else pieces, ca.SX(0 if equations.steady else 1)])
     used = {s.element_hash() for side in sides for s in ca.symvar(side)}
     fixed = {*equations.solved_for, *(held.index for held in flat.held)}
     by_parameters = tuple(s.element_hash() in used and k not in fixed and not name.startswith(DERIVED)
@@ -301,23 +301,24 @@ def derived(base: Unit, order: int) -> Unit:
 
 
 def _columns(assembly: Assembly, columns: Iterable[tuple[int, int]], values: Array, nominal: Array) -> tuple[Quantity, ...]:
-    found = []
+    quantities = []
     for (j, order), value, size in zip(columns, values, nominal, strict=True):
         unknown = assembly.flat.unknowns[j]
-        found.append(Quantity(assembly.reduced.name((j, order)), derived(unknown.unit, order), float(value), unknown.doc,
-                              nominal=float(size)))
-    return tuple(found)
+        quantities.append(Quantity(assembly.reduced.name((j, order)), derived(unknown.unit, order), float(value),
+                                   unknown.doc,
+                                   nominal=float(size)))
+    return tuple(quantities)
 
 
 def _parameters(assembly: Assembly, first: Start) -> tuple[Quantity, ...]:
-    found, leaves = [], assembly.flat.expanded.leaves
+    quantities, leaves = [], assembly.flat.expanded.leaves
     for q, value in zip(assembly.flat.parameters, first.p, strict=True):
         path, _, name = q.name.rpartition(".")
         declared = leaves[path].component.parameters.get(name) if path in leaves else None
         low, high = (None, None) if declared is None else (declared.low, declared.high)
-        found.append(Quantity(q.name, q.unit, float(value), declared.doc if declared else "",
-                              -inf if low is None else low, inf if high is None else high))
-    return tuple(found)
+        quantities.append(Quantity(q.name, q.unit, float(value), declared.doc if declared else "",
+                                   -inf if low is None else low, inf if high is None else high))
+    return tuple(quantities)
 
 
 def _input(assembly: Assembly, k: int, order: int, column: Array) -> Quantity:
@@ -335,6 +336,6 @@ def _outputs(assembly: Assembly, names: Iterable[str], expressions: ca.SX, first
     units = dict(zip(assembly.state_names, (derived(assembly.flat.unknowns[j].unit, order)
                                             for j, order in assembly.reduced.states), strict=True))
     for name, value in zip(names, np.array(values).ravel(), strict=True):
-        shown = assembly.model.show.get(name)
-        yield Quantity(name, read_unit(shown.unit) if shown else units[name], float(value),
-                       shown.text if shown and shown.text != name else "")
+        shown_output = assembly.model.show.get(name)
+        yield Quantity(name, read_unit(shown_output.unit) if shown_output else units[name], float(value),
+                       shown_output.text if shown_output and shown_output.text != name else "")

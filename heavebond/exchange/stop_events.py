@@ -43,7 +43,7 @@ def stop_events(assembly: Assembly) -> list[FlatEvent]:
 
 def _roots(parts: list[ca.SX], time: ca.SX) -> list[ca.SX]:
     """Times at which linear expressions in functions of time are zero, or at the ends of their steep part."""
-    found: dict[str, ca.SX] = {}
+    roots: dict[str, ca.SX] = {}
     for expressions, levels in zip(switch_arguments(parts, time)[1:], ((0.0,), LEVELS), strict=True):
         for expression in expressions:
             slope = ca.jacobian(expression, time)
@@ -51,5 +51,5 @@ def _roots(parts: list[ca.SX], time: ca.SX) -> list[ca.SX]:
                 first = ca.substitute(expression, time, ca.SX(0))
                 for level in levels:
                     root = ca.if_else(slope == 0, NEVER, (level - first) / slope)
-                    found.setdefault(str(root), root)
-    return list(found.values())
+                    roots.setdefault(str(root), root)
+    return list(roots.values())

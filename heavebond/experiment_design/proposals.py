@@ -91,10 +91,10 @@ def recorded(experiment: Experiment, known: KnownInput, time: Array) -> Recorded
     courses: dict[str, Array] = {}
     values, rates, starts = [], [0.0], []
     for record in experiment.records.values():
-        given = experiment.inputs_for(record).get(known.name)
-        if given is None:
+        file_input = experiment.inputs_for(record).get(known.name)
+        if file_input is None:
             continue
-        signal = read_input(replace(known, source=given))
+        signal = read_input(replace(known, source=file_input))
         begin = signal.breaks[0] if record.begin is None else max(record.begin, signal.breaks[0])
         end = signal.breaks[-1] if record.end is None else min(record.end, signal.breaks[-1])
         at = signal.breaks[(signal.breaks >= begin) & (signal.breaks <= end)]
@@ -121,23 +121,23 @@ def family(name: str, time: Array, seen: Recorded) -> list[Proposal]:
     step, length, limits = float(time[1] - time[0]), float(time[-1]), seen.limits
     grid = np.geomspace(SLOWEST / length, max(1 / (PER_PERIOD * step), 2 * SLOWEST / length), FREQUENCIES)
     draw = _Draw(time, limits)
-    made: list[tuple[str, Array, float | None]] = [
+    shapes: list[tuple[str, Array, float | None]] = [
         (f"the record '{record}' {how}", limits.rest + share * (course - limits.rest), None)
         for record, course in list(seen.courses.items())[:3]
         for share, how in ((-1.0, "with its sign changed"), (0.5, "at half its size"), (0.25, "at a quarter of its size"))]
-    made += [("sine", draw.sine(f), f) for f in grid]
-    made += [("sine", draw.sine(f, most=0.3), f) for f in grid[::2] if draw.amplitude(f) > 0.3 * limits.half]
-    made += [("sine with growing amplitude", draw.sine(f, over=lambda t: 0.05 + 0.95 * t), f) for f in grid]
-    made += [("sine about a shifted mean", draw.sine(f, most=0.4, about=about), f)
-             for f in (grid[1], grid[3]) for about in (-0.5, 0.5)]
-    made += [("sine after rest, and rest again", draw.sine(f, over=_twice), f) for f in (grid[1], grid[3])]
-    made += [("sweep of sines, slow to fast", draw.sweep(grid[0], grid[-1], most), None) for most in (1.0, 0.3)]
-    made += [("triangle", draw.triangle(periods), periods / length) for periods in (1, 2, 4)]
-    made += [("staircase", draw.levels([0, 0.5, 1, 0.5, 0, -0.5, -1, -0.5, 0]), None),
-             ("steps", draw.levels([0, 1, -1, 1, -1, 0]), None),
-             ("small steps", draw.levels([0, 0.2, 0, -0.2, 0, 0.2, -0.2, 0]), None)]
-    found = [Proposal(name, shape, limits.inside(draw.eased(values), step), f) for shape, values, f in made]
-    return [p for p in found if p.amplitude > LEAST * limits.half]
+    shapes += [("sine", draw.sine(f), f) for f in grid]
+    shapes += [("sine", draw.sine(f, most=0.3), f) for f in grid[::2] if draw.amplitude(f) > 0.3 * limits.half]
+    shapes += [("sine with growing amplitude", draw.sine(f, over=lambda t: 0.05 + 0.95 * t), f) for f in grid]
+    shapes += [("sine about a shifted mean", draw.sine(f, most=0.4, about=about), f)
+               for f in (grid[1], grid[3]) for about in (-0.5, 0.5)]
+    shapes += [("sine after rest, and rest again", draw.sine(f, over=_twice), f) for f in (grid[1], grid[3])]
+    shapes += [("sweep of sines, slow to fast", draw.sweep(grid[0], grid[-1], most), None) for most in (1.0, 0.3)]
+    shapes += [("triangle", draw.triangle(periods), periods / length) for periods in (1, 2, 4)]
+    shapes += [("staircase", draw.levels([0, 0.5, 1, 0.5, 0, -0.5, -1, -0.5, 0]), None),
+               ("steps", draw.levels([0, 1, -1, 1, -1, 0]), None),
+               ("small steps", draw.levels([0, 0.2, 0, -0.2, 0, 0.2, -0.2, 0]), None)]
+    proposals = [Proposal(name, shape, limits.inside(draw.eased(values), step), f) for shape, values, f in shapes]
+    return [p for p in proposals if p.amplitude > LEAST * limits.half]
 
 
 def _twice(share: Array) -> Array:

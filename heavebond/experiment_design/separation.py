@@ -70,11 +70,11 @@ class PreparedAlternative:
 
     def __init__(self, alternative: Alternative, record: Record, time: Array, known: Mapping[str, Array]):
         experiment = alternative.experiment
-        own = assemble_for(experiment, record)
-        names = set(own.parameter_values)
+        assembly = assemble_for(experiment, record)
+        names = set(assembly.parameter_values)
         self.label = alternative.label
         self.time = time
-        self.assembly: Assembly = own.with_parameters({n: v for n, v in alternative.values.items() if n in names})
+        self.assembly: Assembly = assembly.with_parameters({n: v for n, v in alternative.values.items() if n in names})
         self.simulator = QuickSimulator(self.assembly, times=time, tolerances=FINE, sensitivities=list(experiment.free),
                                         driven=self.pieced(known))
         ranges = [f.range for f in experiment.free.values()]
@@ -87,9 +87,10 @@ class PreparedAlternative:
     def pieced(self, known: Mapping[str, Array]) -> Pieced:
         """Inputs by column, (N,) in SI at the times of the run, as pieces between those."""
         inputs = self.assembly.flat.inputs
-        found = [pieces(self.time, known[k.source.column] if k.source.column in known else self._elsewhere(k),
-                        k.source.interpolation) for k in inputs]
-        breaks, coefficients = align(found, float(self.time[0]), float(self.time[-1]), names=[k.name for k in inputs])
+        pieced_inputs = [pieces(self.time, known[k.source.column] if k.source.column in known else self._elsewhere(k),
+                                k.source.interpolation) for k in inputs]
+        breaks, coefficients = align(pieced_inputs, float(self.time[0]), float(self.time[-1]),
+                                     names=[k.name for k in inputs])
         return Pieced(breaks, np.vstack([breaks[:-1], coefficients.reshape(len(breaks) - 1, -1).T]))
 
     def _elsewhere(self, known: KnownInput) -> Array:
@@ -105,8 +106,8 @@ class PreparedAlternative:
             simulator.prepare()
         p = self.fitted if p is None else p
         result, probe = simulator.run(dict(zip(self.names, p.tolist(), strict=True))), probe or self.probe
-        moved = probe.sensitivities(result) if self.names else np.zeros((0, len(probe.names), len(self.time)))
-        return AlternativeRun(p, probe.values(result), moved)
+        sensitivities = probe.sensitivities(result) if self.names else np.zeros((0, len(probe.names), len(self.time)))
+        return AlternativeRun(p, probe.values(result), sensitivities)
 
     def left(self, own: AlternativeRun, other: AlternativeRun, weight: Array) -> tuple[Array, Array]:
         """The difference between its run and another's (n_y, N) that its parameters cannot absorb, along the tangent, and
@@ -250,8 +251,8 @@ class Separation:
         best, extra = self.best, self.extra
         return {
             "alternatives": list(self.alternatives), "decides": self.decides, "needed": self.needed,
-            "limits": {name: {"low": given.low, "high": given.high, "rate": given.rate if np.isfinite(given.rate) else None,
-                              "unit": unit} for name, (given, unit) in self.limits.items()},
+            "limits": {name: {"low": limit.low, "high": limit.high, "rate": limit.rate if np.isfinite(limit.rate) else None,
+                              "unit": unit} for name, (limit, unit) in self.limits.items()},
             "proposal": best and {**_formed(best.proposal), "level": best.proposal.level, "length": float(self.time[-1])},
             "pairs": [{"one": p.one, "other": p.other, "rise": p.chi2, "channel": p.channel, "at": p.at, "apart": p.size,
                        "sure": p.sure} for p in best.pairs] if best else [],
@@ -319,9 +320,9 @@ def separate(alternatives: Sequence[Alternative], *, machine: Experiment | None 
         if clock.perf_counter() - began > seconds and tried:
             break
         say(f"simulating input {k} of {len(proposals)}: {proposal.input}, {proposal.shape}")
-        seen = _runs(rivals, frame.with_proposal(proposal))
-        if seen is not None and frame.within(seen):
-            tried.append(SimulatedInput(proposal, _pairs(rivals, seen, frame, names)))
+        runs = _runs(rivals, frame.with_proposal(proposal))
+        if runs is not None and frame.within(runs):
+            tried.append(SimulatedInput(proposal, _pairs(rivals, runs, frame, names)))
     tried = _refitted(rivals, frame, tried, names, say, began + 1.5 * seconds)
     extra = None
     if tried and not tried[0].decided:
@@ -345,8 +346,8 @@ def _frame(alternatives: Sequence[Alternative]) -> _Frame:
     samples = np.array([len(c.time) for c in channels])
     noise = np.array([c.noise * read_unit(c.output.shown.unit).scale for c in channels])
     needed = 10.0 + 0.003 * (float(samples.sum()) + max(a.samples for a in alternatives))
-    seen = {k.name: recorded(first, k, time) for k in known}
-    return _Frame(record, known, seen, time, finer, samples / len(time), noise, _reach(first), needed)
+    recorded_inputs = {k.name: recorded(first, k, time) for k in known}
+    return _Frame(record, known, recorded_inputs, time, finer, samples / len(time), noise, _reach(first), needed)
 
 
 def _reach(experiment: Experiment) -> Array:
@@ -370,7 +371,7 @@ def _pairs(rivals: Sequence[PreparedAlternative], seen: Sequence[AlternativeRun]
            known: Mapping[str, Array] | None = None) -> tuple[Pair, ...]:
     """Every pair under one input; with `known`, the input itself, they are fitted to each other."""
     weight = np.sqrt(frame.weight) / frame.noise
-    found = []
+    pairs = []
     for i, j in combinations(range(len(rivals)), 2):
         sides = [rivals[a].left(seen[a], seen[b], weight)[0] for a, b in ((i, j), (j, i))]
         # if the tangent finds no difference, no fit is needed
@@ -380,9 +381,9 @@ def _pairs(rivals: Sequence[PreparedAlternative], seen: Sequence[AlternativeRun]
         channel = int(np.argmax(np.sum(d**2, axis=1)))
         at = int(np.argmax(np.abs(d[channel])))
         chi2 = float(np.sum(d**2))
-        found.append(Pair(rivals[i].label, rivals[j].label, chi2, names[channel], float(frame.time[at]),
+        pairs.append(Pair(rivals[i].label, rivals[j].label, chi2, names[channel], float(frame.time[at]),
                           float(abs(d[channel, at])) / float(np.sqrt(frame.weight[channel])), _sure(chi2, frame.needed)))
-    return tuple(found)
+    return tuple(pairs)
 
 
 def _refitted(rivals: Sequence[PreparedAlternative], frame: _Frame, tried: Sequence[SimulatedInput], names: Sequence[str],
@@ -398,8 +399,8 @@ def _refitted(rivals: Sequence[PreparedAlternative], frame: _Frame, tried: Seque
             break
         say(f"fitting the alternatives to each other under input {k + 1}")
         known = frame.with_proposal(order[0].proposal)
-        seen = _runs(rivals, known) or []
-        order[0] = SimulatedInput(order[0].proposal, _pairs(rivals, seen, frame, names, known), True)
+        runs = _runs(rivals, known) or []
+        order[0] = SimulatedInput(order[0].proposal, _pairs(rivals, runs, frame, names, known), True)
         order.sort(key=_merit)
     return sorted(order, key=lambda t: (not t.refitted, *_merit(t)))  # an estimate by the tangent does not count
 
@@ -428,17 +429,18 @@ def _extra(rivals: Sequence[PreparedAlternative], frame: _Frame, tried: Sequence
     """The variable of all diagrams that, as an additional channel, distinguishes most pairs under one of the better
     inputs; among about equal ones, a variable of a node or component rather than of a port."""
     flat = [r.assembly.flat for r in rivals] + ([assemble_for(machine, frame.record).flat] if machine is not None else [])
-    units = [{u.name: u.unit.text for u in found.unknowns} for found in flat]
-    names = [n for n in units[0] if all(n in other for other in units[1:]) and n not in rivals[0].probe.names]
+    units = [{u.name: u.unit.text for u in model.unknowns} for model in flat]
+    names = [n for n in units[0] if all(n in others for others in units[1:])
+             and n not in rivals[0].probe.names]
     probes = [Probe(r.assembly, [*r.probe.names, *names], si=True) for r in rivals]
-    found: list[AdditionalSensor] = []
+    sensors: list[AdditionalSensor] = []
     for trial in tried[:CLOSER]:
-        seen = _runs(rivals, frame.with_proposal(trial.proposal), probes)
-        if seen is not None:
-            found += [extra for k, name in enumerate(names, len(frame.noise))
-                      if (extra := _measured_too(rivals, frame, seen, k, name, units[0][name])) is not None]
-    most = max((e.chi2 for e in found), default=0.0)
-    close = [e for e in found if e.chi2 > 0.5 * most > 0]
+        runs = _runs(rivals, frame.with_proposal(trial.proposal), probes)
+        if runs is not None:
+            sensors += [extra for k, name in enumerate(names, len(frame.noise))
+                        if (extra := _measured_too(rivals, frame, runs, k, name, units[0][name])) is not None]
+    most = max((e.chi2 for e in sensors), default=0.0)
+    close = [e for e in sensors if e.chi2 > 0.5 * most > 0]
     return min(close, key=lambda e: (e.name.count("."), -e.chi2)) if close else None
 
 
@@ -465,27 +467,27 @@ def _separation(alternatives: Sequence[Alternative], rivals: Sequence[PreparedAl
     columns: dict[str, Array] = {}
     if tried:
         known = frame.with_proposal(tried[0].proposal)
-        seen = _runs(rivals, known) or []
+        runs = _runs(rivals, known) or []
         for k, (name, output) in enumerate(alternatives[0].experiment.outputs.items()):
             unit = output.shown.unit
             channels[name] = Predicted(unit, float(frame.noise[k]) / read_unit(unit).scale,
-                                       np.array([_in(unit, s.values[k]) for s in seen]))
+                                       np.array([_in(unit, s.values[k]) for s in runs]))
         columns = _columns(alternatives[0].experiment, frame, known)
     limits = {k.name: (frame.seen[k.name].limits, k.unit.text) for k in frame.known}
-    found = Separation(tuple(a.label for a in alternatives), limits, tuple(tried), frame.needed, frame.time, channels,
-                       columns, extra, ())
-    return replace(found, words=_words(found, frame))
+    separation = Separation(tuple(a.label for a in alternatives), limits, tuple(tried), frame.needed, frame.time, channels,
+                            columns, extra, ())
+    return replace(separation, words=_words(separation, frame))
 
 
 def _columns(experiment: Experiment, frame: _Frame, known: Mapping[str, Array]) -> dict[str, Array]:
     """The file with the inputs: with the sampling, columns and units of the records."""
     count = (len(frame.time) - 1) * frame.finer
     time = np.linspace(0.0, float(frame.time[-1]), count + 1)
-    found = {experiment.time_column: _in(experiment.time_unit, time)}
+    columns = {experiment.time_column: _in(experiment.time_unit, time)}
     for k in frame.known:
         signal = pieces(frame.time, known[k.source.column], k.source.interpolation)
-        found[k.source.column] = _in(k.source.unit, evaluate(signal, time))
-    return found
+        columns[k.source.column] = _in(k.source.unit, evaluate(signal, time))
+    return columns
 
 
 def _in(unit: str, values: Array) -> Array:
@@ -536,9 +538,9 @@ def _extra_words(found: Separation) -> tuple[str, ...]:
     extra = found.extra
     if extra is None:
         return ("No further channel would either.",)
-    what = quantity(extra.unit) or "variable"
+    noun = quantity(extra.unit) or "variable"
     noise = readable_difference(extra.noise, extra.unit, 2)
     if _sure(extra.chi2, found.needed) < SURE:
-        return (f"No further channel would either; the nearest is the {what} {extra.name}.",)
-    return (f"With the {what} {extra.name} measured as well, with a noise of {noise}, chi-square would differ by "
+        return (f"No further channel would either; the nearest is the {noun} {extra.name}.",)
+    return (f"With the {noun} {extra.name} measured as well, with a noise of {noise}, chi-square would differ by "
             f"{number(extra.chi2, 3)}.",)

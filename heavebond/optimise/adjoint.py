@@ -101,8 +101,8 @@ class Adjoint:
         assembly = self._assembly = simulator.assembly
         assembly.parameter_indices(names)  # UsageError for a name that cannot be set
         if assembly.flat.events or assembly.flat.delays:
-            what = "events" if assembly.flat.events else "delayed variables"
-            raise UsageError([Problem("adjoint-events", f"a run backwards does not go through {what}", None,
+            feature = "events" if assembly.flat.events else "delayed variables"
+            raise UsageError([Problem("adjoint-events", f"a run backwards does not go through {feature}", None,
                                       "Take forward sensitivities: simulate(..., sensitivities=[...]).")])
         if simulator.solver.name != DEFAULT:
             raise UsageError([Problem("adjoint-solver", f"a run backwards is one of {DEFAULT}, and this simulator was made "
@@ -119,9 +119,9 @@ class Adjoint:
         depends = np.array(ca.which_depends(hoisted, p[moving], 1, True)) if moving else np.zeros(0, dtype=bool)
         self._kept = np.flatnonzero(depends)
         sides = (assembly.ode / ca.SX(ca.DM(assembly.x_nominal)), assembly.alg, evaluator.quadratures)
-        given = [*assembly.arguments, evaluator.factors.symbols]
-        self._by_z = ca.Function("by_z", given, [ca.jacobian(side, z) for side in sides])
-        self._rates = ca.Function("rates", given, [evaluator.quadratures])
+        arguments = [*assembly.arguments, evaluator.factors.symbols]
+        self._by_z = ca.Function("by_z", arguments, [ca.jacobian(side, z) for side in sides])
+        self._rates = ca.Function("rates", arguments, [evaluator.quadratures])
         self._ends = self._end_function() if any(f.kind == "final" for f in evaluator.functionals) else None
 
     def costs(self, run: Result, references: Array) -> list[tuple[float, Array]]:
@@ -156,17 +156,17 @@ class Adjoint:
         first = start(assembly, float(simulator.time[0]), self._first_inputs(), simulator.start_equations)
         weights = ADJOINT.tolerance_factor * simulator.tolerances.along / \
             np.maximum(self._last_sizes, simulator.tolerances.atol)
-        made = self._integrator(self._steps, first.p, n_q)
-        n_all = made.integrator.size1_in("x0")
+        integrator = self._integrator(self._steps, first.p, n_q)
+        n_all = integrator.integrator.size1_in("x0")
         pulls = np.zeros((len(simulator.stops) - 1, n_q, n_all))
         self._pull(pulls, np.hstack([np.zeros((n_q, n_all - n_q)), np.diag(weights)]))
-        by_x, by_p, found = self._called(made, first, pulls, np.zeros((0, pulls.shape[0] * n_q)))
-        self._steps = max(self._steps, _steps(made.integrator.stats()))
-        run = self._result(assembly, first, np.array(found["xf"]).reshape(n_all, -1))
+        by_x, by_p, outcome = self._called(integrator, first, pulls, np.zeros((0, pulls.shape[0] * n_q)))
+        self._steps = max(self._steps, _steps(integrator.integrator.stats()))
+        run = self._result(assembly, first, np.array(outcome["xf"]).reshape(n_all, -1))
         check_limits(run)
-        self._last_sizes, moved = self._sizes(run), self._moved(first)
-        along = (moved.x.T @ by_x + moved.p.T @ by_p) / weights
-        return [(slope.value, along @ slope.by_integral + moved.p.T @ slope.by_p)
+        self._last_sizes, start_slopes = self._sizes(run), self._moved(first)
+        along = (start_slopes.x.T @ by_x + start_slopes.p.T @ by_p) / weights
+        return [(slope.value, along @ slope.by_integral + start_slopes.p.T @ slope.by_p)
                 for slope in self.evaluator.cost_slopes(run, references)]
 
     def _follow_sizes(self) -> None:
@@ -196,11 +196,11 @@ class Adjoint:
     def _backward(self, run: Result, slopes: list[CostSlopes], ends: list[_Ends]) -> tuple[Array, Array]:
         """d cost / d x(t_0) (n_x, k) with parameters held, d cost / dp (n_p, k) with x(t_0) held and without `ends`."""
         self._steps = _steps(run.statistics)
-        made = self._integrator(self._steps, run.p, len(slopes))
-        pulls, jumps, weights = self._seeds(run, slopes, ends, made.integrator.size1_in("x0"))
+        integrator = self._integrator(self._steps, run.p, len(slopes))
+        pulls, jumps, weights = self._seeds(run, slopes, ends, integrator.integrator.size1_in("x0"))
         if not weights.any():
             return np.zeros((len(run.x), len(slopes))), np.zeros((len(run.p), len(slopes)))
-        by_x, by_p, _ = self._called(made, run.start, pulls, jumps)
+        by_x, by_p, _ = self._called(integrator, run.start, pulls, jumps)
         back = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0)
         return by_x * back, by_p * back
 
@@ -215,19 +215,19 @@ class Adjoint:
         middle = (simulator.stops[:-1] + simulator.stops[1:]) / 2
         with caught_errors() as heard:
             try:
-                found = made.integrator(x0=x0, z0=first.z / assembly.z_nominal, p=self._hoisted(first.p)[self._kept],
-                                        u=simulator.inputs(middle), adj_xf=pulls.reshape(-1, n_all).T, adj_zf=jumps)
-                by_x, by_p = np.array(found["adj_x0"]), np.array(made.hoist_transposed(first.p, found["adj_p"]))
+                outcome = made.integrator(x0=x0, z0=first.z / assembly.z_nominal, p=self._hoisted(first.p)[self._kept],
+                                          u=simulator.inputs(middle), adj_xf=pulls.reshape(-1, n_all).T, adj_zf=jumps)
+                by_x, by_p = np.array(outcome["adj_x0"]), np.array(made.hoist_transposed(first.p, outcome["adj_p"]))
                 failed = "" if np.isfinite(by_x).all() and np.isfinite(by_p).all() else "a value is not a number"
             except RuntimeError as error:
                 failed = str(error)
-        said = "".join(heard)
+        output_text = "".join(heard)
         check()
-        if failed and "KeyboardInterrupt" in said:  # CasADi reports it as a failure of the right side
+        if failed and "KeyboardInterrupt" in output_text:  # CasADi reports it as a failure of the right side
             raise KeyboardInterrupt
         if failed:
-            raise _failure(failed, said)
-        return by_x[:n_x] / assembly.x_nominal[:, None], by_p, found
+            raise _failure(failed, output_text)
+        return by_x[:n_x] / assembly.x_nominal[:, None], by_p, outcome
 
     def _seeds(self, run: Result, slopes: list[CostSlopes], ends: list[_Ends], n_all: int) -> tuple[Array, Array, Array]:
         """Additions to the adjoint states (stops, k, n_all) and to the multipliers (n_z, stops * k) at the stops after
@@ -284,17 +284,17 @@ class Adjoint:
         """The integrator with so many backward directions, the parameters of a run and memory for its steps."""
         hoisted = self._hoisted(p)
         fixed = np.delete(hoisted, self._kept)
-        made = self._made.get(number)
-        if made is None or 1.5 * steps > made.room or not np.array_equal(made.fixed, fixed):
-            made = self._made[number] = self._built(hoisted, ADJOINT.checkpoint_room * steps + 1000, number)
-        return made
+        integrator = self._made.get(number)
+        if integrator is None or 1.5 * steps > integrator.room or not np.array_equal(integrator.fixed, fixed):
+            integrator = self._made[number] = self._built(hoisted, ADJOINT.checkpoint_room * steps + 1000, number)
+        return integrator
 
     def _built(self, hoisted: Array, room: int, number: int) -> _BuiltIntegrator:
         simulator = self.simulator
         dae = dict(simulator.integrand.dae)
-        rest = np.setdiff1d(np.arange(len(hoisted)), self._kept)
-        numbers = ca.SX(ca.DM(hoisted[rest]))
-        dae["ode"], alg = ca.substitute([dae["ode"], dae["alg"]], [dae["p"][rest.tolist()]], [numbers])
+        constant = np.setdiff1d(np.arange(len(hoisted)), self._kept)
+        numbers = ca.SX(ca.DM(hoisted[constant]))
+        dae["ode"], alg = ca.substitute([dae["ode"], dae["alg"]], [dae["p"][constant.tolist()]], [numbers])
         dae["alg"], dae["p"] = alg * ADJOINT.multiplier_unit, dae["p"][self._kept.tolist()]
         size = dae["x"].numel() + dae["z"].numel()
         if room * size > ADJOINT.max_numbers:
@@ -305,13 +305,14 @@ class Adjoint:
         stops = simulator.stops - simulator.begin
         unit = time_unit(stops)
         times = (stops / unit).tolist()
-        given = ("back", "idas", in_unit_of_time(dae, unit), times[0], times[1:])
-        integrator = Evaluated(lambda more: ca.integrator(*given, {**options, **more}), ("xf", "adj_x0", "adj_p"))
+        integrator_arguments = ("back", "idas", in_unit_of_time(dae, unit), times[0], times[1:])
+        integrator = Evaluated(lambda more: ca.integrator(*integrator_arguments, {**options, **more}),
+                               ("xf", "adj_x0", "adj_p"))
         p = simulator.assembly.arguments[3]
-        kept = simulator.integrand.hoist(p, ca.SX(p.numel(), 0))[self._kept.tolist()]
+        kept_values = simulator.integrand.hoist(p, ca.SX(p.numel(), 0))[self._kept.tolist()]
         pull = ca.SX.sym("l", len(self._kept), number)
-        transposed = ca.Function("hoist", [p, pull], [ca.jtimes(kept, p, pull, True)])
-        return _BuiltIntegrator(hoisted[rest], room, integrator, transposed)
+        transposed = ca.Function("hoist", [p, pull], [ca.jtimes(kept_values, p, pull, True)])
+        return _BuiltIntegrator(hoisted[constant], room, integrator, transposed)
 
     # -- costs of the last values ----------------------------------------------------------------------------------
     def _end_function(self) -> ca.Function:

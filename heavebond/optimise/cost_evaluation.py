@@ -100,11 +100,11 @@ class Evaluator:
 
     def found_sizes(self, values: Array) -> Array:
         """The size (n_q,) of each signal from the functionals of a run; zero if it is unknown."""
-        found = np.zeros(len(self.integrated))
+        sizes = np.zeros(len(self.integrated))
         for f, column, value in zip(self.functionals, self.columns, values, strict=True):
             if column is not None and f.kind in ("rms", "peak"):
-                found[column] = abs(value)
-        return found
+                sizes[column] = abs(value)
+        return sizes
 
     def integrals(self, run: Result) -> Array:
         """The integrals (n_q,) of a run over the evaluated time."""
@@ -119,18 +119,18 @@ class Evaluator:
             if column is not None:
                 values[k], slope = _from_integral(f.kind, integrals[column], self.length, self.sizes[column])
                 if result.along is not None:
-                    moved = result.along.quadratures[:, column]
-                    slopes[:, k] = slope * (moved[:, -1] - moved[:, first])
+                    slopes_of_column = result.along.quadratures[:, column]
+                    slopes[:, k] = slope * (slopes_of_column[:, -1] - slopes_of_column[:, first])
             elif self._modal is not None and f.kind in NUMBERS:
                 values[k], by_p = self._modal.at(f.kind, f.which, result.p)
                 if result.along is not None:
                     slopes[:, k] = result.along.p @ by_p
-        taken = [k for k, f in enumerate(self.functionals) if f.kind in ("final", *SAMPLED)]
-        if taken:
+        pointwise = [k for k, f in enumerate(self.functionals) if f.kind in ("final", *SAMPLED)]
+        if pointwise:
             run = result.dense if self.sampled else result
             inside = run.time >= (self.begin if self.sampled else run.time[-1])
             signals, ways = _signal_sensitivities(self._finals, run, inside)
-            for k in taken:
+            for k in pointwise:
                 kind = self.functionals[k].kind
                 values[k], slopes[:, k] = (signals[k, -1], ways[:, k, -1]) if kind == "final" else \
                     sampled_value(kind, run.time[inside], signals[k], ways[:, k], self.functionals[k].exponent)
@@ -145,28 +145,28 @@ class Evaluator:
         cost, inside = self.costs[0], result.time >= self.begin
         chosen = slice(0, len(cost.functionals))
         _, by_value, _ = self._at(cost, values[chosen], references[chosen], result.p)
-        signals, moved = _signal_sensitivities(self._integrated, result, inside)
+        signals, sensitivities = _signal_sensitivities(self._integrated, result, inside)
         steps = np.gradient(result.time[inside])
         steps[[0, -1]] /= 2
-        found = np.zeros((len(slopes), len(slopes)))
+        hessian = np.zeros((len(slopes), len(slopes)))
         for k, by in enumerate(by_value):
             kind, column = self.functionals[k].kind, self.columns[k]
             if column is None or kind not in POWERS or not by:
                 continue
             power, size = POWERS[kind], self.sizes[column]
             bend = power * (power - 1) * (signals[column] / size) ** (power - 2) / size**2
-            inner = (moved[:, column] * bend * steps) @ moved[:, column].T
+            inner = (sensitivities[:, column] * bend * steps) @ sensitivities[:, column].T
             slope = _from_integral(kind, self.integrals(result)[column], self.length, size)[1]
             # (q/T)**(1/power) is concave
-            found += by * (slope * inner - (power - 1) * np.outer(slopes[:, k], slopes[:, k]) / max(values[k], 1e-300))
-        return found
+            hessian += by * (slope * inner - (power - 1) * np.outer(slopes[:, k], slopes[:, k]) / max(values[k], 1e-300))
+        return hessian
 
     def cost_slopes(self, result: Result, references: Array) -> list[CostSlopes]:
         """Each cost of a run and its direct derivatives; `references` are the functionals of the reference run."""
         values, _ = self.functional_values(result)
         integrals = self.integrals(result)
         final = np.array([f.kind == "final" for f in self.functionals], dtype=bool)
-        found, first = [], 0
+        cost_slopes, first = [], 0
         for cost in self.costs:
             chosen = slice(first, first + len(cost.functionals))
             first = chosen.stop
@@ -180,8 +180,8 @@ class Evaluator:
                     by_integral[column] += by * slope
                 elif self._modal is not None and f.kind in NUMBERS:
                     by_p = by_p + by * self._modal.at(f.kind, f.which, result.p)[1]
-            found.append(CostSlopes(value, by_integral, np.where(final, by_functional, 0.0), by_p))
-        return found
+            cost_slopes.append(CostSlopes(value, by_integral, np.where(final, by_functional, 0.0), by_p))
+        return cost_slopes
 
     @staticmethod
     def _at(cost: Cost, values: Array, references: Array, p: Array) -> tuple[float, Array, Array]:
@@ -193,14 +193,14 @@ class Evaluator:
 
     def cost_values(self, values: Array, slopes: Array, references: Array, p: Array, dp: Array) -> list[tuple[float, Array]]:
         """Each cost and its gradient (m,), from the functionals of the run and those of the reference run."""
-        found = []
+        costs_with_gradients = []
         first = 0
         for cost in self.costs:
             chosen = slice(first, first + len(cost.functionals))
             first = chosen.stop
             value, by_value, by_p = self._at(cost, values[chosen], references[chosen], p)
-            found.append((value, slopes[:, chosen] @ by_value + dp @ by_p))
-        return found
+            costs_with_gradients.append((value, slopes[:, chosen] @ by_value + dp @ by_p))
+        return costs_with_gradients
 
 
 def _functional_sensitivities(assembly: Assembly, functionals: list[Functional]) -> ca.Function:
@@ -208,11 +208,11 @@ def _functional_sensitivities(assembly: Assembly, functionals: list[Functional])
     t, x, z, p, u, rate = assembly.arguments
     signals = stack([f.signal for f in functionals])
     dx, dz, dp = (ca.SX.sym("d", a.numel()) for a in (x, z, p))
-    moved = ca.SX(len(functionals), 1)
+    directional = ca.SX(len(functionals), 1)
     for argument, direction in ((x, dx), (z, dz), (p, dp)):
         if argument.numel() and signals.numel():
-            moved += ca.jtimes(signals, argument, direction)
-    return ca.Function("moved", [t, x, z, p, u, rate, dx, dz, dp], [signals, moved])
+            directional += ca.jtimes(signals, argument, direction)
+    return ca.Function("moved", [t, x, z, p, u, rate, dx, dz, dp], [signals, directional])
 
 
 def _signal_sensitivities(function: ca.Function, run: Result, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
@@ -223,10 +223,11 @@ def _signal_sensitivities(function: ca.Function, run: Result, chosen: NDArray[np
     signals = np.array(function(*given, *still)[0]).reshape(n, number)
     if run.along is None:
         return signals, np.zeros((0, n, number))
-    ways = zip(run.along.x, run.along.z, run.along.p, run.along.held, strict=True)
+    directions = zip(run.along.x, run.along.z, run.along.p, run.along.held, strict=True)
     return signals, np.array([
-        np.array(function(*given, *(way[:, chosen] for way in (x, z, with_held(run, p, held))))[1]).reshape(n, number)
-        for x, z, p, held in ways]).reshape(len(run.along.names), n, number)
+        np.array(function(*given, *(direction[:, chosen]
+                                    for direction in (x, z, with_held(run, p, held))))[1]).reshape(n, number)
+        for x, z, p, held in directions]).reshape(len(run.along.names), n, number)
 
 
 def _gate(t: ca.SX, begin: float, ramp: float) -> ca.SX:

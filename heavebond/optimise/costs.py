@@ -137,15 +137,15 @@ class _Reader:
         self.assembly, self.text = assembly, text
         self.found: list[tuple[Functional, bool]] = []
         self.symbols: list[ca.SX] = []
-        self.outputs = {n: shown.expr for n, shown in assembly.model.show.items() if n not in assembly.flat.names}
+        self.outputs = {n: output.expr for n, output in assembly.model.show.items() if n not in assembly.flat.names}
 
     def cost(self, tree: Expr) -> Cost:
         try:
             value, dimension = self._evaluate(tree, False)
         except ExpressionProblem as problem:
             if problem.code == "name-unknown":
-                said = self.text[problem.column:problem.column + problem.length]
-                problem.hint = suggest(said, [*self.outputs, *self.assembly.flat.names]) or problem.hint
+                excerpt = self.text[problem.column:problem.column + problem.length]
+                problem.hint = suggest(excerpt, [*self.outputs, *self.assembly.flat.names]) or problem.hint
             raise _problem(self.text, problem) from None
         values = stack(self.symbols)
         p = self.assembly.arguments[3]
@@ -191,13 +191,14 @@ class _Reader:
         return value
 
     def _modal(self, expr: Call, reference: bool) -> tuple[ca.SX, Dimension]:
-        which = expr.args[0]
-        if not isinstance(which, Name) or not (which.text in WHICH or part_of(self.assembly.state_names, which.text)):
+        selector = expr.args[0]
+        if not isinstance(selector, Name) or not (selector.text in WHICH
+                                                  or part_of(self.assembly.state_names, selector.text)):
             raise ExpressionProblem("mode-unknown", f"{expr.function}(...) is taken of a mode, not of a signal", expr.column,
                                     len(expr.function), f"Write {expr.function}({WHICH[0]}) or {expr.function}({WHICH[1]}), "
                                     "or the name of the component that takes part most.")
         unit = ONE if expr.function == "damping" else read_unit("1/s").dimension
-        return self._symbol(Functional(expr.function, ca.SX(0), unit, which.text), reference)
+        return self._symbol(Functional(expr.function, ca.SX(0), unit, selector.text), reference)
 
     def _symbol(self, functional: Functional, reference: bool) -> tuple[ca.SX, Dimension]:
         symbol = ca.SX.sym(f"{functional.kind}_{len(self.symbols)}")
@@ -230,4 +231,4 @@ class _Reader:
 
 
 def _walk(expr: Expr) -> list[Expr]:
-    return [expr, *(found for child in children(expr) for found in _walk(child))]
+    return [expr, *(part for child in children(expr) for part in _walk(child))]

@@ -159,15 +159,15 @@ def costs_of(assembly: Assembly, task: TuningProblem, *, tolerances: Tolerances 
     def exact(given: Tolerances, names: Sequence[str]) -> Array:
         if backwards:
             plain = simulator(given)
-            found = Adjoint(plain, evaluator, names).costs(plain.run(), references)
-            return np.array([gradient for _, gradient in found]).T[:, :, None]
+            costs_with_gradients = Adjoint(plain, evaluator, names).costs(plain.run(), references)
+            return np.array([gradient for _, gradient in costs_with_gradients]).T[:, :, None]
         return np.concatenate([forward(given, chunk) for chunk in in_chunks(names)])
 
     def forward(given: Tolerances, names: Sequence[str]) -> Array:
         run = simulator(given, names).run()
         assert run.along is not None
-        found = evaluator.cost_values(*evaluator.functional_values(run), references, run.p, run.along.p)
-        return np.array([gradient for _, gradient in found]).T[:, :, None]
+        costs_with_gradients = evaluator.cost_values(*evaluator.functional_values(run), references, run.p, run.along.p)
+        return np.array([gradient for _, gradient in costs_with_gradients]).T[:, :, None]
 
     names = ("cost", *task.limits)
     return Subject(assembly, names, tuple(c.unit for c in evaluator.costs), tolerances or TOLERANCES,
@@ -190,32 +190,32 @@ def check_gradients(subject: Subject, parameters: Sequence[str], *, progress: Pr
     values = subject.assembly.parameter_values
     sizes = np.array([abs(values[name]) or 1.0 for name in parameters])
     say("sensitivities")
-    given, tight = (subject.exact(tolerances, parameters) * sizes[:, None, None]
-                    for tolerances in (subject.tolerances, subject.tight))
+    at_given, tight = (subject.exact(tolerances, parameters) * sizes[:, None, None]
+                       for tolerances in (subject.tolerances, subject.tight))
     runs = subject.runs(TIGHT)
     middle = runs({})
-    found = []
+    verdicts = []
     for k, name in enumerate(parameters):
         say(f"differences to {name}, {k + 1} of {len(parameters)}")
         near = {h: _around(runs, name, values[name], h * sizes[k]) for h in STEPS}
         passings = _passings(subject, name, values[name], STEPS[0] * sizes[k])
         for j, quantity in enumerate(subject.names):
             differences = {h: None if y is None else _differences(middle, y, j, h, tight[k, j]) for h, y in near.items()}
-            found.append(judge(quantity, name, middle.values[j], given[k, j], tight[k, j], differences,
-                               [p for p in passings if p.kink.signal in ("", quantity)],
-                               (subject.tolerances.rtol, subject.tight.rtol)))
-    return found
+            verdicts.append(judge(quantity, name, middle.values[j], at_given[k, j], tight[k, j], differences,
+                                  [p for p in passings if p.kink.signal in ("", quantity)],
+                                  (subject.tolerances.rtol, subject.tight.rtol)))
+    return verdicts
 
 
 def _differences(middle: SampledRun, around: Sequence[SampledRun], j: int, h: float, exact: Array) -> _Differences | None:
     """The differences of the j-th quantity at a step h, with the `exact` derivative (N,) at times without a valid
     difference; None if most times have none."""
-    found = _Differences.of(middle.values[j], [run.values[j] for run in around], h)
+    differences = _Differences.of(middle.values[j], [run.values[j] for run in around], h)
     out = _between(middle, around)
     if 2 * np.count_nonzero(out) > len(exact):
         return None
-    return found if not out.any() else _Differences(
-        *(np.where(out, exact, side) for side in (found.central, found.up, found.down)))
+    return differences if not out.any() else _Differences(
+        *(np.where(out, exact, side) for side in (differences.central, differences.up, differences.down)))
 
 
 def _between(middle: SampledRun, around: Sequence[SampledRun]) -> NDArray[np.bool_]:
@@ -322,5 +322,5 @@ def _with(passings: Sequence[KinkCrossing], words: str) -> str:
     named: dict[tuple[str, str], float] = {}
     for p in passings:
         named.setdefault((p.kink.owner, p.kink.function), p.time)
-    shown = [f"{owner} ({function}) switches at {time:.4g} s" for (owner, function), time in list(named.items())[:3]]
-    return words + ", ".join(shown) + (f" and {len(named) - 3} more" if len(named) > 3 else "")
+    switchings = [f"{owner} ({function}) switches at {time:.4g} s" for (owner, function), time in list(named.items())[:3]]
+    return words + ", ".join(switchings) + (f" and {len(named) - 3} more" if len(named) > 3 else "")

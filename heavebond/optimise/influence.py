@@ -98,10 +98,10 @@ def _courses(assembly: Assembly, signals: Sequence[str], chosen: Sequence[str], 
              say: Progress) -> tuple[list[Array], Array, Result]:
     """The sensitivities of signals to groups of parameters, the signals themselves, and the last of the runs."""
     probe = Probe(assembly, signals)
-    courses, done = [], 0
+    courses, computed = [], 0
     for group in in_chunks(chosen):
-        say(f"parameters {done + 1} to {done + len(group)} of {len(chosen)}")
-        done += len(group)
+        say(f"parameters {computed + 1} to {computed + len(group)} of {len(chosen)}")
+        computed += len(group)
         run = Simulator(assembly, until, every=every, sensitivities=group).run()
         courses.append(probe.sensitivities(run))
     return courses, probe.values(run), run
@@ -133,12 +133,12 @@ def _ranking(signal: str, unit: str, time: Array, values: Array, moved: list[tup
     size = _rms(values - values.mean())
     still = size <= STILL * max(_rms(values), 1e-300)
     size = _rms(values) if still else size
-    found = []
-    for parameter, value, own, course in moved:
+    influences = []
+    for parameter, value, influence_rms, course in moved:
         at = int(np.argmax(np.abs(course)))
         relative = _rms(course) / size if size > 0 else float("nan")
-        found.append(Influence(parameter, value, own, relative, float(course[at]), float(time[at]), course))
-    return Ranking(signal, unit, size, still, tuple(sorted(found, key=lambda i: -_rms(i.course))))
+        influences.append(Influence(parameter, value, influence_rms, relative, float(course[at]), float(time[at]), course))
+    return Ranking(signal, unit, size, still, tuple(sorted(influences, key=lambda i: -_rms(i.course))))
 
 
 def _rms(values: Array) -> float:

@@ -55,9 +55,10 @@ class Kinks:
         if not self.kinks:
             return []
         differ = self._sides(one) != self._sides(other)
-        found = [KinkCrossing(kink, float(one.time[np.argmax(row)])) for kink, row in zip(self.kinks, differ, strict=True)
-                 if row.any()]
-        return sorted(found, key=lambda passing: passing.time)
+        crossings = [KinkCrossing(kink, float(one.time[np.argmax(row)])) for kink,
+                     row in zip(self.kinks, differ, strict=True)
+                     if row.any()]
+        return sorted(crossings, key=lambda passing: passing.time)
 
     def _sides(self, run: Result) -> Array:
         return np.sign(np.array(self._arguments(*columns(run))).reshape(len(self.kinks), -1))
@@ -72,8 +73,8 @@ def _of_equations(assembly: Assembly) -> Iterator[Kink]:
 
 def _of_signals(assembly: Assembly, signals: Iterable[str]) -> Iterator[Kink]:
     for name in signals:
-        shown = assembly.model.show.get(name)
-        formula = assembly.resolver().evaluate(shown.expr if shown else assembly.model.library.formula(name))
+        output = assembly.model.show.get(name)
+        formula = assembly.resolver().evaluate(output.expr if output else assembly.model.library.formula(name))
         yield from _expressed(assembly, formula, f"the signal {name}", name)
 
 
@@ -88,12 +89,12 @@ def _expressed(assembly: Assembly, raw: ca.SX, owner: str, signal: str = "") -> 
 
 def _kinks(expression: ca.SX) -> Iterator[tuple[str, ca.SX]]:
     """Function and argument of each kink in a scalar expression."""
-    waiting, seen = [expression], set()
+    waiting, visited = [expression], set()
     while waiting:
         node = waiting.pop()
-        if node.element_hash() in seen or node.is_constant() or node.is_symbolic():
+        if node.element_hash() in visited or node.is_constant() or node.is_symbolic():
             continue
-        seen.add(node.element_hash())
+        visited.add(node.element_hash())
         operation, parts = node.op(), [node.dep(k) for k in range(node.n_dep())]
         if operation in _DIFFERENCES:
             yield _DIFFERENCES[operation], parts[0] - parts[1]

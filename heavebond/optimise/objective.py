@@ -112,9 +112,10 @@ def tuning_task(free: Mapping[str, Range | str], cost: str, *, limits: Sequence[
     with samples in a loop). Raises UsageError for a range or a time that cannot be read; `tune` raises it for unknown
     names and wrong units, and if `stable` is True and cannot be decided.
     """
-    found = (Case("diagram", {}),) if cases is None else tuple(Case(name, dict(values)) for name, values in cases.items())
+    case_list = (Case("diagram", {}),) if cases is None else tuple(Case(name, dict(values)) for name,
+                                                                   values in cases.items())
     return TuningProblem(ranges(free), cost, tuple(limits), None if begin is None else seconds(begin, "begin"),
-                         None if end is None else seconds(end, "end"), reference, found, stable=stable)
+                         None if end is None else seconds(end, "end"), reference, case_list, stable=stable)
 
 
 @dataclass(frozen=True)
@@ -188,11 +189,11 @@ class Objective:
                 times = np.linspace(0, self.times[-1], OBJECTIVE.size_points)
                 run = Simulator(assembly, times=times, tolerances=TOLERANCES).run(self.values(self.quiet))
                 evaluator.resized(evaluator.largest(run))
-        found = RunCase(case, assembly, self.times, evaluator, self.names, self.backwards)
+        run_case = RunCase(case, assembly, self.times, evaluator, self.names, self.backwards)
         if any(any(cost.references) for cost in self.costs):
             self._count(1)
-            found.references = evaluator.functional_values(found.plain.run(reference.parameter_values))[0]
-        return found
+            run_case.references = evaluator.functional_values(run_case.plain.run(reference.parameter_values))[0]
+        return run_case
 
     def _held(self) -> tuple[HeldVariable, ...]:
         """The held variables at the start of the first case that has one."""
@@ -254,12 +255,12 @@ class Objective:
         key = _key(y)
         if key not in self._seen or (self._seen[key].gradient is None and np.isfinite(self._seen[key].cost)):
             stable = self._stable(self.values(y), self.names)
-            found = self._together(y, [self._slopes(case, y) for case in self.cases], stable)
+            evaluation = self._together(y, [self._slopes(case, y) for case in self.cases], stable)
             known = [case.curvature for case in self.cases if case.curvature is not None]
-            if found.gradient is not None and len(known) == len(self.cases):
+            if evaluation.gradient is not None and len(known) == len(self.cases):
                 whole = sum((w * c for w, c in zip(self.weights, known, strict=True)), np.zeros((len(y), len(y))))
-                found = replace(found, curvature=whole * np.outer(self.span, self.span))
-            self._seen[key] = found
+                evaluation = replace(evaluation, curvature=whole * np.outer(self.span, self.span))
+            self._seen[key] = evaluation
         return self._seen[key]
 
     def _slopes(self, case: RunCase, y: Array) -> list[tuple[float, Array]] | None:
@@ -297,11 +298,11 @@ class Objective:
         """The gradient (m,) of the cost in SI at parameters in SI, with the reference run at them too. SimulationError or
         StartError if a run fails.
         """
-        found = np.zeros(len(self.names))
+        gradient = np.zeros(len(self.names))
         for case, weight in zip(self.cases, self.weights, strict=True):
             self._count(2 + len(self.names))
-            found += weight * case.gradient_anew(dict(values), self.task.reference or {})
-        return found
+            gradient += weight * case.gradient_anew(dict(values), self.task.reference or {})
+        return gradient
 
     def resize(self, at: Evaluation) -> None:
         """New sizes for signals that have become much larger or smaller at a point than in the diagram."""
@@ -319,8 +320,8 @@ class Objective:
 
     def boundary(self, named: Sequence[str], values: Mapping[str, float]) -> Array | None:
         """The slope of the stability boundary by named parameters (m,), None if values (SI) are not at that limit."""
-        found = self._stable(values, named)
-        return found[0][1] if found and found[0][0] > -OBJECTIVE.at_boundary else None
+        boundaries = self._stable(values, named)
+        return boundaries[0][1] if boundaries and boundaries[0][0] > -OBJECTIVE.at_boundary else None
 
     def growth(self, y: Array) -> float:
         """Exponent of the growth of the least stable mode in a run, the worst of the cases; infinite without a start, and
@@ -339,22 +340,24 @@ class Objective:
     def growth_slope(self, y: Array) -> Array:
         """The slope (m,) of the largest Re(s) at the start, in the unknowns of the search, if there is a start."""
         modes = self._modes[0]
-        first, found = modes.at(self.values(y))
-        return np.asarray(modes.slope(first, max(found, key=lambda m: m.value.real), self.names).real * self.span)
+        first, modes_at_start = modes.at(self.values(y))
+        return np.asarray(modes.slope(first, max(modes_at_start, key=lambda m: m.value.real), self.names).real * self.span)
 
     def at_rest(self, values: Mapping[str, float]) -> tuple[Case, RestStability, OperatingPointStability] | None:
         """The least stable case at its operating point with parameters in SI; None if a case has no equilibrium.
         StartError if one has no start."""
-        found = [(case, machine, machine.at(values)) for case, machine in zip(self.task.cases, self.machines, strict=True)]
-        there = [(case, machine, rest) for case, machine, rest in found if rest is not None]
-        return max(there, key=lambda f: f[2].worst) if len(there) == len(found) else None
+        stabilities = [(case, machine, machine.at(values)) for case,
+                       machine in zip(self.task.cases, self.machines, strict=True)]
+        stabilities_at_rest = [(case, machine, rest_point) for case, machine, rest_point in stabilities
+                               if rest_point is not None]
+        return max(stabilities_at_rest, key=lambda f: f[2].worst) if len(stabilities_at_rest) == len(stabilities) else None
 
     @cached_property
     def machines(self) -> list[RestStability]:
         """The cases as machines at rest, without the settings for the computation of modes."""
-        found = [RestStability(assembly, float(self.times[-1])) for assembly in self._assemblies]
-        self._follow(found, self.values(self.quiet))
-        return found
+        machines = [RestStability(assembly, float(self.times[-1])) for assembly in self._assemblies]
+        self._follow(machines, self.values(self.quiet))
+        return machines
 
     def follow(self, values: Mapping[str, float]) -> None:
         """Linearise dry friction about the motion at other values; former knowledge of limits is discarded."""
@@ -364,8 +367,8 @@ class Objective:
     def _follow(self, machines: Sequence[RestStability], values: Mapping[str, float]) -> None:
         for machine in machines:
             with suppress(SimulationError, StartError, UsageError):  # use the slopes at rest and while sliding then
-                rest = machine.at(values)
-                if rest is not None and len(rest.variants) > 1:
+                rest_point = machine.at(values)
+                if rest_point is not None and len(rest_point.variants) > 1:
                     times = np.union1d(np.linspace(self.begin, self.times[-1], OBJECTIVE.slope_points), self.times[:1])
                     run = Simulator(machine.assembly, times=times, tolerances=TOLERANCES).run(dict(values))
                     self._count(1)
@@ -474,9 +477,9 @@ class RunCase:
         """New sizes from the last run, if they differ much."""
         if self._numbers is None or self._numbers[0] != values:
             return
-        found = self.evaluator.found_sizes(self._numbers[1])
-        off = found / self.evaluator.sizes
+        sizes = self.evaluator.found_sizes(self._numbers[1])
+        off = sizes / self.evaluator.sizes
         if ((off > OBJECTIVE.resize) | ((off > 0) & (off < 1 / OBJECTIVE.resize))).any():
-            self.plain.factors = self.evaluator.resized(found)
+            self.plain.factors = self.evaluator.resized(sizes)
             self.__dict__.get("forward", self.plain).factors = self.plain.factors
             self._last = None

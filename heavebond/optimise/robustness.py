@@ -83,10 +83,10 @@ def robustness(problem: Objective, tuned: Tuned, *, progress: Progress | None = 
         for sign in (-1, 1):
             say(f"moving {name}")
             value = centre[name] + sign * width
-            found = problem.at({**tuned.values, name: value})
+            evaluation = problem.at({**tuned.values, name: value})
             share = sign * width / abs(centre[name]) if centre[name] else sign * np.inf
-            limits = dict(zip(problem.limits, found.limits.tolist(), strict=True))
-            changes.append(Change(name, value, share, found.cost, limits))
+            limits = dict(zip(problem.limits, evaluation.limits.tolist(), strict=True))
+            changes.append(Change(name, value, share, evaluation.cost, limits))
     margins = tuple(Margin(name, *factors) for name, factors in (tuned.stability.boundary or {}).items())
     worst = max(tuned.cost_of_cases.items(), key=lambda pair: pair[1])
     damping = np.nan if tuned.stability.damping is None else tuned.stability.damping
@@ -105,17 +105,17 @@ def _width(assembly: Assembly, name: str, text: str) -> float:
                                   "uncertain", None,
                                   suggest(name, units) or NAMES_LISTED)])
     try:
-        number, given = parse_quantity(text)
-        if given is not None and given.text == "%":
+        number, unit = parse_quantity(text)
+        if unit is not None and unit.text == "%":
             value = assembly.parameter_values[name]
             bound = assembly.flat.origins.bounds.get(name)
             if bound is not None and isinstance(bound.value, Value) and has_origin(bound.value.expr):
                 raise UnitProblem("range-relative", f"a percentage of {bound.value.text} depends on the zero of the scale",
                                   f"Write a width in K, for example '{abs(number * value):.3g} K'.")
             return abs(number * value)
-        if given is not None:
-            number -= given.offset  # 3 degC is a width of 3 K
-        check_unit(given, units[name], number, text)
+        if unit is not None:
+            number -= unit.offset  # 3 degC is a width of 3 K
+        check_unit(unit, units[name], number, text)
     except UnitProblem as problem:
         raise UsageError([Problem(problem.code, f"uncertainty of {name}: {problem.message}", None, problem.hint)]) from None
     return abs(number)

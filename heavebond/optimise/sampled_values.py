@@ -30,7 +30,7 @@ def sampled_value(kind: str, time: Array, signal: Array, moved: Array, exponent:
     if kind == DEVIATION:
         around = signal - mean(time, signal)
         size = max(mean(time, around**2), 0.0)**0.5
-        return size, np.array([mean(time, around * way) / size for way in moved]) if size else still
+        return size, np.array([mean(time, around * slope) / size for slope in moved]) if size else still
     if kind == CYCLES:
         return _equivalent_range(time, signal, moved, exponent)
     if kind == "times":

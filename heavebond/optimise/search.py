@@ -87,19 +87,19 @@ def search(problem: Objective, first: Array, method: str, most_steps: int, say: 
            partial: bool = False) -> SearchResult:
     """Minimise the cost from one point; `most_steps` limits the accepted steps. A search by `trust` that arrives at the
     end of one of `others` stops there. With `partial` Ctrl-C ends it with the best result so far (ENDED_EARLY)."""
-    seen = _Seen(problem, say)
+    memo = _Seen(problem, say)
     first = np.clip(first, 0, 1)
     try:
-        message = _trust(seen, first, most_steps, [found.best for found in others]) if method == "trust" else \
-            _ipopt(seen, first, most_steps)
+        message = _trust(memo, first, most_steps, [result.best for result in others]) if method == "trust" else \
+            _ipopt(memo, first, most_steps)
     except BaseException as error:
-        if not (partial and is_interrupt(error) and any(np.isfinite(e.cost) for e in seen.path)):
+        if not (partial and is_interrupt(error) and any(np.isfinite(e.cost) for e in memo.path)):
             raise
         clear_signal()
         message = ENDED_EARLY
-    best = min(seen.path, key=lambda e: (not e.kept, e.cost))
+    best = min(memo.path, key=lambda e: (not e.kept, e.cost))
     known = best.gradient is not None or message == ENDED_EARLY
-    return SearchResult(best if known else problem.evaluate(best.at), message, tuple(seen.path))
+    return SearchResult(best if known else problem.evaluate(best.at), message, tuple(memo.path))
 
 
 class _Seen:
@@ -267,12 +267,13 @@ def _quadratic_step(at: Evaluation, curvature: Array, radii: Array, penalty: flo
         return (float(gradient @ v[:n] + 0.5 * v[:n] @ bent + penalty * v[n:].sum()) / scale,
                 np.append(gradient + bent, np.full(k, penalty)) / scale)
 
-    kept: Any = [{"type": "ineq", "fun": lambda v: v[n:] - excess - rows @ v[:n],
-                  "jac": lambda v: np.hstack([-rows, np.eye(k)])}]
+    constraints: Any = [{"type": "ineq", "fun": lambda v: v[n:] - excess - rows @ v[:n],
+                         "jac": lambda v: np.hstack([-rows, np.eye(k)])}]
     first = np.append(np.zeros(n), np.maximum(excess, 0))
-    found: Any = cast(Any, minimize)(model, first, jac=True, method="SLSQP", bounds=bounds, constraints=kept if k else [],
+    solution: Any = cast(Any, minimize)(model, first, jac=True, method="SLSQP", bounds=bounds, constraints=constraints if k
+                                        else [],
                      options={"maxiter": 200, "ftol": 1e-10})
-    d = found.x[:n]
+    d = solution.x[:n]
     kept_better = np.maximum(excess, 0) - np.maximum(excess + rows @ d, 0)
     return _Step(d, float(penalty * kept_better.sum() - gradient @ d - 0.5 * d @ curvature @ d))
 
@@ -307,8 +308,8 @@ def _corrected(known: Array, old: Evaluation, new: Evaluation, forces: Array) ->
     along = float(missed @ d)
     if abs(along) < 1e-8 * float(np.linalg.norm(missed) * np.linalg.norm(d)) or not d.any():
         return known
-    found = _definite(known + np.outer(missed, missed) / along)
-    return known if found is None else found
+    definite = _definite(known + np.outer(missed, missed) / along)
+    return known if definite is None else definite
 
 
 def _updated(curvature: Array, old: Evaluation, new: Evaluation, forces: Array) -> Array:
@@ -342,10 +343,10 @@ class _Slopes(ca.Callback):
         return ca.Sparsity.dense(self.costs.k, self.costs.n)
 
     def eval(self, given: Sequence[ca.DM]) -> list[ca.DM]:
-        found = self.costs.seen.slopes(np.array(given[0]).ravel())
-        if found.gradient is None or found.limit_gradients is None:
+        slopes = self.costs.seen.slopes(np.array(given[0]).ravel())
+        if slopes.gradient is None or slopes.limit_gradients is None:
             return [ca.DM.nan(self.costs.k, self.costs.n)]
-        return [ca.DM(np.vstack([found.gradient[None, :], found.limit_gradients]))]
+        return [ca.DM(np.vstack([slopes.gradient[None, :], slopes.limit_gradients]))]
 
 
 class _Costs(ca.Callback):
@@ -367,8 +368,9 @@ class _Costs(ca.Callback):
         return ca.Sparsity.dense(self.k, 1)
 
     def eval(self, given: Sequence[ca.DM]) -> list[ca.DM]:
-        found = self.seen.guarded(np.array(given[0]).ravel())
-        return [ca.DM(np.append(found.cost, found.limits) if np.isfinite(found.cost) else np.full(self.k, np.nan))]
+        evaluation = self.seen.guarded(np.array(given[0]).ravel())
+        return [ca.DM(np.append(evaluation.cost, evaluation.limits) if np.isfinite(evaluation.cost)
+                      else np.full(self.k, np.nan))]
 
     def has_jacobian(self) -> bool:
         return True
@@ -386,8 +388,8 @@ def _ipopt(seen: _Seen, first: Array, most_steps: int) -> str:
     size = begin if np.isfinite(begin) and begin > 0 else 1.0
     costs = _Costs(seen)
     y = ca.MX.sym("y", costs.n)
-    found = costs(y)
-    solver = ca.nlpsol("tune", "ipopt", {"x": y, "f": found[0] / size, "g": found[1:]}, {
+    solution = costs(y)
+    solver = ca.nlpsol("tune", "ipopt", {"x": y, "f": solution[0] / size, "g": solution[1:]}, {
         "print_time": False, "ipopt": {
             "print_level": 0, "sb": "yes", "hessian_approximation": "limited-memory", "max_iter": most_steps,
             "tol": 10 * SEARCH.converged, "acceptable_tol": 100 * SEARCH.converged, "acceptable_iter": 3,

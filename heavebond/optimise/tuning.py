@@ -87,21 +87,21 @@ def tune(model: ModelOrFile | Assembly | Objective, task: TuningProblem, *, expl
     problem = model if isinstance(model, Objective) else \
         Objective(assemble(model), task)
     say = progress or (lambda text: None)
-    found: list[SearchResult] = []
+    results: list[SearchResult] = []
     for k, first in enumerate(starting_points(problem, explore, starts, seed, say), 1):
-        found.append(search(problem, first, method, most_steps, numbered(say, "start", k, starts), found,
-                            partial))
-        if found[-1].message == ENDED_EARLY:
-            return _told(problem, task, found, min(found, key=_rank), ENDED_EARLY, say)
-    for first in _edges(problem, min(found, key=_rank), say):
-        found.append(search(problem, first, method, most_steps, say, found, partial))
-    best = min(found, key=_rank)
+        results.append(search(problem, first, method, most_steps, numbered(say, "start", k, starts), results,
+                              partial))
+        if results[-1].message == ENDED_EARLY:
+            return _told(problem, task, results, min(results, key=_rank), ENDED_EARLY, say)
+    for first in _edges(problem, min(results, key=_rank), say):
+        results.append(search(problem, first, method, most_steps, say, results, partial))
+    best = min(results, key=_rank)
     if problem.stable:
         problem.follow(problem.values(best.best.at))  # stability over the motion with the best gains
         if problem.instability(best.best.at) > OBJECTIVE.limit_tolerance:
-            found.append(best := search(problem, best.best.at, method, most_steps, say, partial=partial))
-    early = any(f.message == ENDED_EARLY for f in found)
-    return _told(problem, task, found, best, ENDED_EARLY if early else best.message, say)
+            results.append(best := search(problem, best.best.at, method, most_steps, say, partial=partial))
+    early = any(f.message == ENDED_EARLY for f in results)
+    return _told(problem, task, results, best, ENDED_EARLY if early else best.message, say)
 
 
 def _told(problem: Objective, task: TuningProblem, found: Sequence[SearchResult], best: SearchResult, message: str,
@@ -128,26 +128,27 @@ def stability_of(problem: Objective, values: Mapping[str, float]) -> Stability:
         return Stability("", None, held=held)
     if worst is None:
         return replace(_of_runs(problem, values), held=held)
-    case, machine, rest = worst
+    case, machine, rest_point = worst
 
     def score(name: str, factor: float) -> float:
         try:
-            found = problem.at_rest({**values, name: factor * values[name]})
+            at_factor = problem.at_rest({**values, name: factor * values[name]})
         except HeavebondError:
             return np.nan
-        return found[2].worst if found is not None else np.nan
+        return at_factor[2].worst if at_factor is not None else np.nan
 
     boundary = {name: (crossing(partial(score, name), False), crossing(partial(score, name), True))
                 for name in values if values[name]}
-    return replace(describe(machine, rest, case.name, list(values), values, boundary), held=held)
+    return replace(describe(machine, rest_point, case.name, list(values), values, boundary), held=held)
 
 
 def _of_runs(problem: Objective, values: Mapping[str, float]) -> Stability:
     """Stability by the largest Floquet multiplier of the runs of all cases; undecided if a run is not periodic."""
-    found = {case.case.name: largest_multiplier(case.plain.assembly.with_parameters(dict(values)), float(problem.times[-1]))
-             for case in problem.cases}
-    known = {name: size for name, size in found.items() if size is not None}
-    if len(known) < len(found):
+    multipliers = {case.case.name: largest_multiplier(case.plain.assembly.with_parameters(dict(values)),
+                                                      float(problem.times[-1]))
+                   for case in problem.cases}
+    known = {name: size for name, size in multipliers.items() if size is not None}
+    if len(known) < len(multipliers):
         return Stability("", None)
     case = max(known, key=lambda name: known[name])
     stable = None if abs(known[case] - 1) <= FLOQUET.decided else known[case] < 1
@@ -156,15 +157,15 @@ def _of_runs(problem: Objective, values: Mapping[str, float]) -> Stability:
 
 def ends(problem: Objective, values: Mapping[str, float], swept: Mapping[str, Sequence[float]]) -> dict[str, str]:
     """The parameters that are at the lower or the upper bound of their range or of the values of a sweep."""
-    found = {}
+    bounds_reached = {}
     for name, low, span in zip(problem.names, problem.low, problem.span, strict=True):
         numbers = swept.get(name, ())
         least, most = (max(low, min(numbers)), min(low + span, max(numbers))) if numbers else (low, low + span)
         if values[name] <= least + AT_END * span:
-            found[name] = "lower"
+            bounds_reached[name] = "lower"
         elif values[name] >= most - AT_END * span:
-            found[name] = "upper"
-    return found
+            bounds_reached[name] = "upper"
+    return bounds_reached
 
 
 def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: Sequence[tuple[str, Sequence[float]]], *,
@@ -178,13 +179,13 @@ def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: 
         for k, number in enumerate(numbers, 1):
             if progress:
                 progress(f"{name}, {k} of {len(numbers)}")
-            found = problem.at({**values, name: number})
-            steps.append((TuningEvaluation({**values, name: float(number)}, found.cost), found))
+            best_evaluation = problem.at({**values, name: number})
+            steps.append((TuningEvaluation({**values, name: float(number)}, best_evaluation.cost), best_evaluation))
         values = min(steps[-len(numbers):], key=lambda pair: (not pair[1].kept, pair[1].cost))[0].values
-    best, found = min(steps, key=lambda pair: (not pair[1].kept, pair[1].cost))
+    best, best_evaluation = min(steps, key=lambda pair: (not pair[1].kept, pair[1].cost))
     runs, simulations = problem.runs, problem.simulations
-    limits = dict(zip(problem.limits, found.limits.tolist(), strict=True))
-    return Tuned(problem.task, best.values, best.cost, _before(problem), dict(found.cases), limits,
+    limits = dict(zip(problem.limits, best_evaluation.limits.tolist(), strict=True))
+    return Tuned(problem.task, best.values, best.cost, _before(problem), dict(best_evaluation.cases), limits,
                  (tuple(step for step, _ in steps),), runs, simulations, "swept", stability_of(problem, best.values),
                  ends(problem, best.values, dict(sweeps)))
 
@@ -244,11 +245,11 @@ def starting_points(problem: Objective, explore: int, starts: int, seed: int, sa
     drawn = problem.spread(DRAWN * explore, seed)
     points = list(islice((y for y in drawn if problem.calm(y) and problem.instability(y) <= 0), 1 + explore)
                   ) if explore else []
-    found: list[Evaluation] = []
+    evaluations: list[Evaluation] = []
     for k, point in enumerate(points or islice(problem.spread(explore, seed), 1 + explore), 1):
         say(f"exploring {k} of {1 + explore}")
-        found.append(problem.plain(point))
-    order = sorted(found, key=lambda e: (not np.isfinite(e.cost), not e.kept, e.cost))
+        evaluations.append(problem.plain(point))
+    order = sorted(evaluations, key=lambda e: (not np.isfinite(e.cost), not e.kept, e.cost))
     return [e.at for e in order[:max(1, starts)]]
 
 

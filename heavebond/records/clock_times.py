@@ -73,11 +73,11 @@ def _of_day(texts: Sequence[str], known: Sequence[int]) -> Clock:
     moments = np.full(len(texts), NONE, dtype=np.int64)
     days, before = 0, 0
     for k in known:
-        found = _OF_DAY.fullmatch(texts[k])
-        if found is None or int(found["m"]) > 59 or int(found["s"]) > 59:
+        time_match = _OF_DAY.fullmatch(texts[k])
+        if time_match is None or int(time_match["m"]) > 59 or int(time_match["s"]) > 59:
             raise _unreadable(texts[k], k)
-        seconds = 3600 * int(found["h"]) + 60 * int(found["m"]) + int(found["s"])
-        moment = 1_000_000_000 * seconds + int((found["f"] or "").ljust(9, "0"))
+        seconds = 3600 * int(time_match["h"]) + 60 * int(time_match["m"]) + int(time_match["s"])
+        moment = 1_000_000_000 * seconds + int((time_match["f"] or "").ljust(9, "0"))
         days += before - moment > DAY // 2
         moments[k], before = days * DAY + moment, moment
     return Clock(moments, False)
@@ -86,11 +86,11 @@ def _of_day(texts: Sequence[str], known: Sequence[int]) -> Clock:
 def _dated(cells: Sequence[str], texts: Sequence[str], known: Sequence[int]) -> Moments:
     import pandas as pd
 
-    found = [_YEAR_FIRST.fullmatch(texts[k]) or _YEAR_LAST.fullmatch(texts[k]) for k in known]
-    for k, one in zip(known, found, strict=True):
+    date_matches = [_YEAR_FIRST.fullmatch(texts[k]) or _YEAR_LAST.fullmatch(texts[k]) for k in known]
+    for k, one in zip(known, date_matches, strict=True):
         if one is None:
             raise _unreadable(cells[k].strip(), k)
-    matches = [one for one in found if one is not None]
+    matches = [one for one in date_matches if one is not None]
     swapped = _day_first(matches, [cells[k].strip() for k in known], known)
     written = [_iso(one, swapped) for one in matches]
     read = pd.to_datetime(pd.Series(written), format="ISO8601", utc=True, errors="coerce")
@@ -104,8 +104,8 @@ def _iso(found: re.Match[str], day_first: bool) -> str:
     parts = found.groupdict()
     day, month = (parts["day"], parts["month"]) if "day" in parts else \
         (parts["one"], parts["two"]) if day_first else (parts["two"], parts["one"])
-    hour, rest = (parts["time"] or "00:00").split(":", 1)
-    return f"{parts['year']}-{month:0>2}-{day:0>2}T{hour:0>2}:{rest}{parts.get('zone') or ''}"
+    hour, minutes = (parts["time"] or "00:00").split(":", 1)
+    return f"{parts['year']}-{month:0>2}-{day:0>2}T{hour:0>2}:{minutes}{parts.get('zone') or ''}"
 
 
 def _day_first(found: Sequence[re.Match[str]], cells: Sequence[str], known: Sequence[int]) -> bool:

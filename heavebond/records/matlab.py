@@ -38,9 +38,10 @@ class Vectors:
         first = name if name in self.columns else next(
             n for n, v in self.columns.items() if len(v) == Counter(lengths).most_common(1)[0][0])
         n = len(self.columns[first])
-        other = {name: (f"has {len(v)} values, '{first}' has {n}", "Give its time column: `time: {column: ..., unit: s}`.")
-                 for name, v in self.columns.items() if len(v) != n}
-        return Vectors({name: v for name, v in self.columns.items() if len(v) == n}, {**self.aside, **other})
+        other_lengths = {name: (f"has {len(v)} values, '{first}' has {n}",
+                                "Give its time column: `time: {column: ..., unit: s}`.")
+                         for name, v in self.columns.items() if len(v) != n}
+        return Vectors({name: v for name, v in self.columns.items() if len(v) == n}, {**self.aside, **other_lengths})
 
 
 def read_matlab(path: Path, place: Place | None = None) -> Vectors:
@@ -58,15 +59,15 @@ def read_matlab(path: Path, place: Place | None = None) -> Vectors:
     except NotImplementedError:
         return _read_hdf5(path, place)
     except Exception as error:  # damaged files cause many kinds of exceptions in the reader
-        said = (str(error).splitlines() or [""])[0]
+        reason = (str(error).splitlines() or [""])[0]
         raise DataError([Problem("record-mat", f"'{path.name}' is not a MAT file that can be read", place,
                                  "Save it again in MATLAB: `save('file.mat', 't', 'y', '-v7')`.",
-                                 (said,) if said else ())]) from error
-    found = Vectors()
+                                 (reason,) if reason else ())]) from error
+    vectors = Vectors()
     for name, value in raw.items():
         if not name.startswith("__"):
-            _add(found, name, value, 0)
-    return found
+            _add(vectors, name, value, 0)
+    return vectors
 
 
 def _add(found: Vectors, name: str, value: Any, depth: int) -> None:
@@ -95,8 +96,8 @@ def _add_numbers(found: Vectors, name: str, value: NDArray[Any]) -> None:
         for k, one in enumerate(value.T, 1):
             found.columns[f"{name}.{k}"] = one
     else:
-        what = "is a single number" if value.ndim == 0 else "is empty" if not value.size else f"has {value.ndim} dimensions"
-        found.aside[name] = (f"{what}; a column is a vector", "Save it as a vector with one value for each time.")
+        shape = "is a single number" if value.ndim == 0 else "is empty" if not value.size else f"has {value.ndim} dimensions"
+        found.aside[name] = (f"{shape}; a column is a vector", "Save it as a vector with one value for each time.")
 
 
 def _set_aside(found: Vectors, name: str, kind: str) -> None:
@@ -113,17 +114,17 @@ def _read_hdf5(path: Path, place: Place | None) -> Vectors:
     try:
         import h5py
     except ImportError:
-        said = f"'{path.name}' is a MAT file of version 7.3, for which a library is missing"
-        raise DataError([Problem("record-mat", said, place, "pip install h5py, or save it in MATLAB with `-v7`: "
+        message = f"'{path.name}' is a MAT file of version 7.3, for which a library is missing"
+        raise DataError([Problem("record-mat", message, place, "pip install h5py, or save it in MATLAB with `-v7`: "
                                  f"`save('{path.name}', '-v7')`.")]) from None
-    found = Vectors()
+    vectors = Vectors()
     try:
         with h5py.File(path, "r") as file:
-            _add_group(found, file, "", 0)
+            _add_group(vectors, file, "", 0)
     except (OSError, RuntimeError, ValueError) as error:
         raise DataError([Problem("record-mat", f"'{path.name}' is not a MAT file that can be read", place,
                                  "Save it again in MATLAB with `-v7`.", (str(error).splitlines()[0],))]) from error
-    return found
+    return vectors
 
 
 def _add_group(found: Vectors, group: Any, prefix: str, depth: int) -> None:
@@ -142,7 +143,7 @@ def _add_group(found: Vectors, group: Any, prefix: str, depth: int) -> None:
         elif isinstance(item, h5py.Dataset) and kind in NUMERIC and item.dtype.kind in "fiub":
             _add_numbers(found, name, np.squeeze(item[()].T))
         elif kind in ("char", "cell", "struct") or kind in NUMERIC:
-            what = "text" if kind == "char" else "no plain numbers"
-            found.aside[name] = (f"holds {what}", "Save it as a vector of numbers.")
+            type_text = "text" if kind == "char" else "no plain numbers"
+            found.aside[name] = (f"holds {type_text}", "Save it as a vector of numbers.")
         else:
             _set_aside(found, name, kind)

@@ -76,9 +76,9 @@ class Table:
         bracket, tag = _NAMED_UNIT.fullmatch(name), _TAGGED_UNIT.fullmatch(name)
         for text, sure in ((self.units.get(name, ""), True), (bracket.group(1) if bracket else "", True),
                            (tag.group(1) if tag else "", False)):
-            found = unit_in_file(text)
-            if found is not None:
-                return text.strip("[]()"), found, sure
+            read = unit_in_file(text)
+            if read is not None:
+                return text.strip("[]()"), read, sure
         return None
 
     def unit_text(self, name: str) -> str:
@@ -148,12 +148,12 @@ def timed(table: Table, name: str, *, unit: str = "s", zero: tuple[Path, str] | 
                                  f"counted in s, not in {unit}", place, "Write `unit: s`.")])
     since = clock.first
     if zero is not None and zero != (table.path, name):
-        other = read_table(zero[0], beside=zero[1])
-        begin = _clock(other, zero[1])
+        zero_table = read_table(zero[0], beside=zero[1])
+        begin = _clock(zero_table, zero[1])
         if begin is None or begin.dated != clock.dated:
-            what = "dates" if clock.dated else "times of day"
-            raise DataError([Problem("record-clocks", f"'{name}' of '{table.path.name}' holds {what}, '{zero[1]}' of "
-                                     f"'{other.path.name}' does not: they cannot be put on one clock", place,
+            clock_text = "dates" if clock.dated else "times of day"
+            raise DataError([Problem("record-clocks", f"'{name}' of '{table.path.name}' holds {clock_text}, '{zero[1]}' of "
+                                     f"'{zero_table.path.name}' does not: they cannot be put on one clock", place,
                                      "Export both in the same form, or as seconds from the same moment.")])
         since = begin.first
     return replace(table, columns={**table.columns, name: clock.seconds(since)})
@@ -240,24 +240,24 @@ def check_gaps(table: Table, time_name: str, sampled: Mapping[str, Rows], *, beg
     """Raise DataError if more than 3 samples are missing between the times `begin` and `end` (in the unit of the time
     column), each gap once with its columns. `sampled` are the rows (n,) of each column's samples."""
     time = table.columns[time_name]
-    found: dict[tuple[int, int], list[str]] = {}
+    columns_of_gap: dict[tuple[int, int], list[str]] = {}
     usual = {}
     for name, rows in sampled.items():
         own = time[rows]
         usual[name] = float(np.median(np.diff(own))) if len(own) > 1 else 0.0
         for k in gaps(own, BRIDGED).tolist():
             if own[k + 1] > begin and own[k] < end:
-                found.setdefault((int(rows[k]), int(rows[k + 1])), []).append(name)
+                columns_of_gap.setdefault((int(rows[k]), int(rows[k + 1])), []).append(name)
     problems = Problems()
-    said = []
-    for (first, last), names in sorted(found.items())[:SHOWN]:
+    texts = []
+    for (first, last), names in sorted(columns_of_gap.items())[:SHOWN]:
         quoted = listing([f"'{name}'" for name in names], 8)
         have, they = ("have", "they have") if len(names) > 1 else ("has", "it has")
-        said.append((f"a gap: {quoted} {have} no value between the times "
-                     f"{time[first]:.7g} ({table.lines_of([first])}) and {time[last]:.7g} ({table.lines_of([last])}); "
-                     f"elsewhere {they} one every {usual[names[0]]:.4g}", table.place(last, names[0])))
-    these = "these inputs" if any(len(names) > 1 for names in found.values()) else "this input"
-    add_few(problems, "record-gap", said, len(found), "gaps",
+        texts.append((f"a gap: {quoted} {have} no value between the times "
+                      f"{time[first]:.7g} ({table.lines_of([first])}) and {time[last]:.7g} ({table.lines_of([last])}); "
+                      f"elsewhere {they} one every {usual[names[0]]:.4g}", table.place(last, names[0])))
+    these = "these inputs" if any(len(names) > 1 for names in columns_of_gap.values()) else "this input"
+    add_few(problems, "record-gap", texts, len(columns_of_gap), "gaps",
             f"Keep one side with `from:` or `to:`, or write `gaps: bridge` at {these} to go across.")
     problems.raise_as(DataError)
 
@@ -323,10 +323,10 @@ def _nanoseconds(values: pd.Series[pd.Timestamp]) -> Rows:
 
 
 def _read_matlab(path: Path, place: Place | None, beside: str | None) -> Table:
-    found = read_matlab(path, place).beside(beside)
-    if not found.columns:
-        notes = [f"{name} {why}" for name, (why, _) in list(found.aside.items())[:SHOWN]]
-        hint = next((hint for _, hint in found.aside.values()), "Save the time and the channels as vectors.")
+    vectors = read_matlab(path, place).beside(beside)
+    if not vectors.columns:
+        notes = [f"{name} {why}" for name, (why, _) in list(vectors.aside.items())[:SHOWN]]
+        hint = next((hint for _, hint in vectors.aside.values()), "Save the time and the channels as vectors.")
         raise DataError([Problem("record-empty", f"'{path.name}' has no vector of numbers", place, hint, tuple(notes))])
-    n = len(next(iter(found.columns.values())))
-    return Table(path, (*found.columns, *found.aside), np.arange(1, n + 1), found.columns, aside=found.aside)
+    n = len(next(iter(vectors.columns.values())))
+    return Table(path, (*vectors.columns, *vectors.aside), np.arange(1, n + 1), vectors.columns, aside=vectors.aside)

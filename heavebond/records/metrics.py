@@ -61,8 +61,8 @@ def autocorrelation(e: Array, lags: int) -> Array:
     """
     if not np.ptp(e):  # rounding: the mean of equal numbers may differ from them
         return np.full(lags + 1, np.nan)
-    found = _autocovariance(e, lags, len(e) + lags + 1)
-    return np.asarray(found / found[0])
+    covariance = _autocovariance(e, lags, len(e) + lags + 1)
+    return np.asarray(covariance / covariance[0])
 
 
 def _autocovariance(e: Array, lags: int, padded: int) -> Array:

@@ -85,24 +85,25 @@ def estimate_noise(records: Sequence[tuple[ArrayLike, ArrayLike]]) -> NoiseEstim
     step/sqrt(12); intervals in which it does not change or is clipped are excluded. NaN if no record has 10 samples or
     all are constant.
     """
-    given = [(np.asarray(y, dtype=np.float64), np.asarray(t, dtype=np.float64)) for y, t in records]
-    usable = [(y - np.mean(y), t) for y, t in given if len(y) >= MIN_SAMPLES and np.ptp(y)]
+    arrays = [(np.asarray(y, dtype=np.float64), np.asarray(t, dtype=np.float64)) for y, t in records]
+    usable = [(y - np.mean(y), t) for y, t in arrays if len(y) >= MIN_SAMPLES and np.ptp(y)]
     if not usable:
         return NoiseEstimate(math.nan, math.nan, math.nan)
     differences = list(_differences(usable))
     chance = 1.0 + max(0.02, 2.0 / math.sqrt(sum(len(y) for y, _ in usable)))
-    found = next(s for k, s in enumerate(differences) if s.deviation <= chance * min(x.deviation for x in differences[k:]))
+    estimate = next(s for k, s in enumerate(differences) if s.deviation <= chance
+                    * min(x.deviation for x in differences[k:]))
     bands = list(_bands(usable))
     if not bands:
-        return NoiseEstimate(found.deviation, found.error, math.nan)
+        return NoiseEstimate(estimate.deviation, estimate.error, math.nan)
     lowest = min(bands, key=lambda b: b.deviation)
     level = [b.deviation for b in bands if _same(b, lowest)]
     # the median of several has the standard error of their mean times sqrt(pi/2)
     error = lowest.error * min(1.0, math.sqrt(math.pi / 2 / len(level)))
     floor = _Level(float(np.median(level)), error)
-    if floor.deviation * (1 + CHANCE * lowest.error) < found.deviation:
-        found = floor
-    return NoiseEstimate(found.deviation, found.error, len(level) / len(bands))
+    if floor.deviation * (1 + CHANCE * lowest.error) < estimate.deviation:
+        estimate = floor
+    return NoiseEstimate(estimate.deviation, estimate.error, len(level) / len(bands))
 
 
 def _same(band: _Level, other: _Level) -> bool:
@@ -202,13 +203,13 @@ def spread(d: Array) -> float:
     d = d[np.abs(d) > 1e-9 * _rms(d)]
     if not len(d):
         return 0.0
-    found = float(np.median(np.abs(d))) / 0.6744897501960817  # the median of |normal|
+    deviation = float(np.median(np.abs(d))) / 0.6744897501960817  # the median of |normal|
     density = math.exp(-_CLIP**2 / 2) / math.sqrt(2 * math.pi)
     inside = 1 - 2 * _CLIP * density / math.erf(_CLIP / math.sqrt(2))  # variance of a normal cut at +-2.5
     for _ in range(3):
-        kept = d[np.abs(d) <= _CLIP * found]
-        found = _rms(kept) / math.sqrt(inside)
-    return found
+        clipped = d[np.abs(d) <= _CLIP * deviation]
+        deviation = _rms(clipped) / math.sqrt(inside)
+    return deviation
 
 
 def _rms(e: Array) -> float:

@@ -32,16 +32,16 @@ def outliers(time: Array, y: Array, scatter: float) -> NDArray[np.bool_]:
     gap, and channels of fewer than 20 samples, are not tested. The scale is from F. R. Hampel, J. Amer. Statist. Assoc.
     69 (1974) 383-393, doi 10.1080/01621459.1974.10482962.
     """
-    found = np.zeros(len(y), dtype=bool)
+    mask = np.zeros(len(y), dtype=bool)
     for _ in range(PASSES):
-        rest = np.flatnonzero(~found)
-        if len(rest) < LEAST:
+        remaining = np.flatnonzero(~mask)
+        if len(remaining) < LEAST:
             break
-        new = _one_pass(time[rest], y[rest], scatter)
+        new = _one_pass(time[remaining], y[remaining], scatter)
         if not len(new):
             break
-        found[rest[new]] = True
-    return found
+        mask[remaining[new]] = True
+    return mask
 
 
 def _one_pass(t: Array, y: Array, scatter: float) -> NDArray[np.int64]:
@@ -55,9 +55,9 @@ def _one_pass(t: Array, y: Array, scatter: float) -> NDArray[np.int64]:
     scale = np.maximum(spread, max(scatter, 1e-9 * float(np.ptp(y)), 1e-14 * float(np.abs(y).max())))
     suspects = np.flatnonzero(np.abs(e) > BEYOND * scale)
     runs = np.split(suspects, np.flatnonzero(np.diff(suspects) > 2) + 1) if len(suspects) else []
-    found = [_worst(t, y, np.arange(run[0], run[-1] + 1), float(scale[run].max())) for run in runs
+    worst = [_worst(t, y, np.arange(run[0], run[-1] + 1), float(scale[run].max())) for run in runs
              if run[-1] - run[0] < LONGEST]
-    return np.concatenate([np.zeros(0, dtype=np.int64), *found])
+    return np.concatenate([np.zeros(0, dtype=np.int64), *worst])
 
 
 def _surprise(t: Array, y: Array) -> Array:
@@ -66,12 +66,12 @@ def _surprise(t: Array, y: Array) -> Array:
     """
     n = len(y)
     first = np.clip(np.arange(n) - 2, 0, n - 5)
-    others = first[:, None] + np.arange(5)
+    neighbours = first[:, None] + np.arange(5)
     # the four neighbours without the sample
-    others = np.sort(np.where(others == np.arange(n)[:, None], n, others), axis=1)[:, :4]
-    weights = _cubic(t[others], t)
-    e = (y - np.sum(weights * y[others], axis=1)) / np.sqrt(1 + np.sum(weights**2, axis=1))
-    span = t[others[:, -1]] - t[others[:, 0]]
+    neighbours = np.sort(np.where(neighbours == np.arange(n)[:, None], n, neighbours), axis=1)[:, :4]
+    weights = _cubic(t[neighbours], t)
+    e = (y - np.sum(weights * y[neighbours], axis=1)) / np.sqrt(1 + np.sum(weights**2, axis=1))
+    span = t[neighbours[:, -1]] - t[neighbours[:, 0]]
     return np.asarray(np.where(span > 2.5 * np.median(span), 0.0, e))
 
 
@@ -91,8 +91,8 @@ def _worst(t: Array, y: Array, run: NDArray[np.int64], scale: float) -> NDArray[
     if len(before) + len(after) < HALF:
         return run[:0]
     # two on each side; at the ends of a record all from one
-    left = min(len(before), max(2, 4 - len(after)))
-    nodes = np.concatenate([before[len(before) - left:], after[:4 - left]])
+    before_count = min(len(before), max(2, 4 - len(after)))
+    nodes = np.concatenate([before[len(before) - before_count:], after[:4 - before_count]])
     tiled = np.tile(t[nodes], (len(run), 1))
     apart = np.abs(y[run] - _cubic(tiled, t[run]) @ y[nodes])
     steps = np.abs(np.concatenate([np.diff(y[before]), np.diff(y[after])]))

@@ -161,6 +161,6 @@ def _check_covered(signal: Pieces, start: float, end: float, name: str) -> None:
         bounds.append(f"the record ends at {last:.10g} s")
         say.append(f"write `until: {last:.10g} s`")
     hint = " and ".join(say)
-    asked = f"the simulation needs {name} from {start:.10g} s to {end:.10g} s"
-    raise DataError([Problem("record-end", f"{asked}, {' and '.join(bounds)}",
+    requirement = f"the simulation needs {name} from {start:.10g} s to {end:.10g} s"
+    raise DataError([Problem("record-end", f"{requirement}, {' and '.join(bounds)}",
                              hint=hint[0].upper() + hint[1:] + ".")])

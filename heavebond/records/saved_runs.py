@@ -160,8 +160,8 @@ def read_run(path: str | Path) -> SavedRun:
     except (DataError, UsageError):
         raise
     except Exception as error:  # damaged files cause different exceptions in the reader of each format
-        said = (str(error).splitlines() or [""])[0]
-        raise _not_a_run(path, said) from error
+        reason = (str(error).splitlines() or [""])[0]
+        raise _not_a_run(path, reason) from error
 
 
 def _not_a_run(path: Path, *notes: str) -> DataError:
@@ -239,15 +239,15 @@ def _read_parquet(path: Path) -> SavedRun:
 # -- MAT and NetCDF --------------------------------------------------------------------------------------------------
 def identifiers(names: list[str]) -> list[str]:
     """A MATLAB variable for each name (`crown.x`: `crown_x`), all different from each other and from the file's names."""
-    found: list[str] = []
+    variables: list[str] = []
     for name in names:
         plain = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
         plain = (plain if plain[:1].isalpha() else f"s_{plain}")[:LONGEST_NAME]
         again, number = plain, 2
-        while again in found or again in TAKEN:
+        while again in variables or again in TAKEN:
             again, number = f"{plain[:LONGEST_NAME - 5]}_{number}", number + 1
-        found.append(again)
-    return found
+        variables.append(again)
+    return variables
 
 
 def _write_mat(run: SavedRun, path: Path) -> None:

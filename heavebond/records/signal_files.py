@@ -41,14 +41,14 @@ def _of_record(path: Path, names: Sequence[str], time: str | None, begin: float,
     time = time or table.header[0]
     table = timed(table, time)
     check_time(table, time)
-    found = []
+    signals = []
     for name in names:
         head = next((h for h in table.header if (m := _HEAD.fullmatch(h)) and m["name"] == name), name)
         rows = samples(table, time, head)
         t = column(table, time)[rows]
         inside = (t >= begin) & (t <= end)
-        found.append(evenly(name, _unit(head), t[inside], column(table, head)[rows][inside]))
-    return found
+        signals.append(evenly(name, _unit(head), t[inside], column(table, head)[rows][inside]))
+    return signals
 
 
 def _unit(head: str) -> str:

@@ -209,19 +209,19 @@ def spectrum(course: EvenSignal, segment: float | None = None, known: Waves | No
 def rainflow_cycles(values: Array) -> Cycles:
     """The cycles of samples (n,) by the rules of ASTM E1049-85, 5.4.4; unclosed cycles count as half cycles. Cycles of
     the size of rounding errors, relative to the largest, are omitted."""
-    found = _extracted(values)
-    return Cycles(found[:, 0], found[:, 1], found[:, 2])
+    cycles = _extracted(values)
+    return Cycles(cycles[:, 0], cycles[:, 1], cycles[:, 2])
 
 
 def rainflow_ranges(values: Array) -> tuple[Array, Array, NDArray[np.intp]]:
     """The ranges and counts (c,) of the same cycles, and the samples (2, c) at their two ends."""
-    found = _extracted(values)
-    return found[:, 0], found[:, 2], found[:, 3:].T.astype(np.intp)
+    cycles = _extracted(values)
+    return cycles[:, 0], cycles[:, 2], cycles[:, 3:].T.astype(np.intp)
 
 
 def _extracted(values: Array) -> Array:
     """Range, mean, count and the two ends (c, 5) of each cycle."""
     from rainflow import extract_cycles
 
-    found = np.array([*extract_cycles(values.tolist())]).reshape(-1, 5)
-    return np.asarray(found[found[:, 0] > ROUNDING * found[:, 0].max(initial=0.0)])
+    cycles = np.array([*extract_cycles(values.tolist())]).reshape(-1, 5)
+    return np.asarray(cycles[cycles[:, 0] > ROUNDING * cycles[:, 0].max(initial=0.0)])

@@ -71,10 +71,10 @@ def read_text_columns(path: Path) -> TextColumns:
 
 @lru_cache(maxsize=4)
 def _kept(path: Path, text: str) -> TextColumns:
-    found = _columns(path, text)
-    for values in (found.lines, *found.columns.values()):
+    columns = _columns(path, text)
+    for values in (columns.lines, *columns.columns.values()):
         values.flags.writeable = False  # the cached arrays are shared
-    return found
+    return columns
 
 
 def _columns(path: Path, text: str) -> TextColumns:
@@ -85,15 +85,15 @@ def _columns(path: Path, text: str) -> TextColumns:
     rows, units = _without_units_row(sheet, problems)
     rows = _full_rows(sheet, rows, problems)
     written, why = _with_points(sheet, rows)
-    found = [_numbers([cells[k] for _, cells in written]) for k in range(width)]
-    _report_cells(sheet, rows, [bad for _, bad in found], why, problems)
+    columns = [_numbers([cells[k] for _, cells in written]) for k in range(width)]
+    _report_cells(sheet, rows, [bad for _, bad in columns], why, problems)
     if not sheet.rows:
         problems.add("record-empty", f"'{path.name}' has names but no rows", sheet.place(sheet.header[0], 0))
     problems.raise_as(DataError)
     names = tuple(sheet.header[1])
     if names[-1] == ROWS_LEFT:
-        check_rows_left(path, found[-1][0] if found[-1][0] is not None else np.zeros(0))
-    numbers = {name: values for name, (values, _) in zip(names, found, strict=True) if values is not None}
+        check_rows_left(path, columns[-1][0] if columns[-1][0] is not None else np.zeros(0))
+    numbers = {name: values for name, (values, _) in zip(names, columns, strict=True) if values is not None}
     words = {name: [cells[k] for _, cells in rows] for k, name in enumerate(names) if name not in numbers}
     lines = np.array([line for line, _ in rows], dtype=np.int64)
     return TextColumns(names, lines, numbers, text, sheet.separator, dict(zip(names, units, strict=False)), words)
@@ -107,8 +107,8 @@ def check_rows_left(path: Path, left: Array) -> None:
         return
     steady = left[:-1] == left[:1] - np.arange(len(left))[:-1]  # the last line may be truncated itself
     line = len(left) + 1 if steady.all() else int(np.argmin(steady)) + 2
-    what = "ends before its last row" if steady.all() else f"lacks rows before line {line}"
-    raise DataError([Problem("record-cut-off", f"'{path}' is not whole: it {what}", Place(str(path), line),
+    defect = "ends before its last row" if steady.all() else f"lacks rows before line {line}"
+    raise DataError([Problem("record-cut-off", f"'{path}' is not whole: it {defect}", Place(str(path), line),
                              "It was cut off by a full disk, a killed process or a broken copy: make it again. Where rows "
                              f"were removed on purpose, remove the column '{ROWS_LEFT}', and use the file as a record.",
                              (f"its column '{ROWS_LEFT}' counts the rows that are still to come",))])
@@ -223,11 +223,11 @@ def _check_header(sheet: _Sheet, problems: Problems) -> None:
         problems.add("record-header", "the first row must name the columns; these are numbers",
                      sheet.place(line, 0), hint=hint)
         return
-    if len(names) == 1 and (other := _other_separator(sheet)):
-        problems.add("record-separator", f"the columns seem to be separated by {other}", sheet.place(line, 0),
+    if len(names) == 1 and (separator := _other_separator(sheet)):
+        problems.add("record-separator", f"the columns seem to be separated by {separator}", sheet.place(line, 0),
                      hint="Separate them by commas, semicolons or tabs.")
-    elif len(names) == 1 and (found := _columns_below(sheet)):
-        problems.add("record-header", f"the first row has one column, those below have {found}", sheet.place(line, 0),
+    elif len(names) == 1 and (below := _columns_below(sheet)):
+        problems.add("record-header", f"the first row has one column, those below have {below}", sheet.place(line, 0),
                      hint="Put a # in front of every line above the row of names.")
     first: dict[str, int] = {}
     for k, name in enumerate(names):
@@ -279,9 +279,9 @@ def _full_rows(sheet: _Sheet, rows: Cells, problems: Problems) -> Cells:
             cell.lstrip("+-").isdigit() for _, cells in ragged[:SHOWN] for cell in cells):
         hint = "If the numbers have decimal commas, export the table with semicolons between the columns, or with decimal " \
             f"points. {hint}"
-    found = [(f"this row has {len(cells)} cell{'s' * (len(cells) > 1)}, the row of names has {width}",
-              sheet.place(line, min(width, len(cells)))) for line, cells in ragged[:SHOWN]]
-    add_few(problems, "record-ragged", found, len(ragged), "rows", hint)
+    issues = [(f"this row has {len(cells)} cell{'s' * (len(cells) > 1)}, the row of names has {width}",
+               sheet.place(line, min(width, len(cells)))) for line, cells in ragged[:SHOWN]]
+    add_few(problems, "record-ragged", issues, len(ragged), "rows", hint)
     return [row for row in rows if len(row[1]) == width]
 
 

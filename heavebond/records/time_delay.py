@@ -68,16 +68,18 @@ def lateness(time: Array, measured: Array, grid: Array, model: Array) -> TimeDel
     scale = size / max(float(np.sqrt(np.mean(slope(grid) ** 2))), 1e-300)  # 1/omega of the model's motion
     delay = 0.0
     for _ in range(STEPS):
-        found = _regression(time, measured, curve, slope, delay)
-        if found is None:
+        correction = _regression(time, measured, curve, slope, delay)
+        if correction is None:
             return None
-        step = float(np.clip(found[0], -scale / 2, scale / 2))
+        step = float(np.clip(correction[0], -scale / 2, scale / 2))
         delay += step
         if abs(delay) > min(2 * scale, span / 4):
             return None
-        if abs(step) < 1e-3 * found[1] + 1e-9 * scale:
-            (before, fitted), (rest, left) = (_rests(time, measured, curve, at, delay) for at in (0.0, delay))
-            return TimeDelay(delay, found[1], 1 - (left / fitted) ** 2 if fitted else 0.0, before, rest,
+        if abs(step) < 1e-3 * correction[1] + 1e-9 * scale:
+            (before, fitted), (delayed_error, delayed_fitted) = (_rests(time, measured, curve, at, delay)
+                                                                 for at in (0.0, delay))
+            return TimeDelay(delay, correction[1], 1 - (delayed_fitted / fitted) ** 2 if fitted else 0.0, before,
+                             delayed_error,
                              float(np.median(np.diff(time))))
     return None
 
@@ -110,11 +112,11 @@ def _regression(time: Array, measured: Array, curve: PPoly, slope: PPoly, delay:
         _, gain, late = np.linalg.lstsq(square, product, rcond=None)[0] / sizes
         return float(late / gain) if gain > 0.1 else np.nan
 
-    found = seconds(whole, right)
+    correction = seconds(whole, right)
     parts = np.array([seconds(whole - s, right - p) for s, p in zip(squares, products, strict=True)])
-    if not np.isfinite(found) or not np.all(np.isfinite(parts)):
+    if not np.isfinite(correction) or not np.all(np.isfinite(parts)):
         return None
-    return found, float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((parts - np.mean(parts)) ** 2)))
+    return correction, float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((parts - np.mean(parts)) ** 2)))
 
 
 def _rests(time: Array, measured: Array, curve: PPoly, delay: float, other: float) -> tuple[float, float]:
@@ -124,5 +126,5 @@ def _rests(time: Array, measured: Array, curve: PPoly, delay: float, other: floa
     inside = _inside(time, curve, delay, other)
     y, model = measured[inside], curve(time[inside] - delay)
     columns = np.column_stack([np.ones(len(model)), model])
-    left = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
-    return float(np.sqrt(np.mean((y - model) ** 2))), float(np.sqrt(np.mean(left**2)))
+    residual = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+    return float(np.sqrt(np.mean((y - model) ** 2))), float(np.sqrt(np.mean(residual**2)))

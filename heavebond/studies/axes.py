@@ -103,17 +103,17 @@ def changed(model: Model, settings: Sequence[dict[str, Setting]]) -> Model:
 def read_axes(node: Node | None, source: Source, problems: Problems) -> tuple[Axis, ...]:
     """The axes under `cases:`."""
     entries = reading.mapping(node, "cases", problems, "Write one axis a line: `valve.f_n: [0.5 Hz, 1 Hz]`.")
-    found = []
+    axes = []
     for name, item in (entries.items if entries else {}).items():
         place = entries.keys[name].place if entries else item.place
         axis = _axis(name, item, place, source, problems)
         if axis is not None and axis.levels:
-            found.append(axis)
-    _check_diagrams(found, problems)
-    for axis in [axis for axis in found if axis.sampling is not None][1:]:
+            axes.append(axis)
+    _check_diagrams(axes, problems)
+    for axis in [axis for axis in axes if axis.sampling is not None][1:]:
         problems.add("axes-samples", f"'{axis.name}' is a second sample; a study has one", axis.place,
                      hint="Write all uncertain parameters below one `over:`.")
-    return tuple(found)
+    return tuple(axes)
 
 
 def _check_diagrams(axes: Sequence[Axis], problems: Problems) -> None:
@@ -156,8 +156,8 @@ def _sampled(name: str, entry: Mapping, place: Place, problems: Problems) -> Axi
         settings = {}
         for path, value in values.items():
             unit, at = sampling.over[path].unit, over.items[path].place
-            own = None if sampling.kind == SEEDS else unit  # a whole number has no unit
-            settings[path] = Setting(path, Value(Number(value, own, 0), unit.written(value), at), at)
+            sample_unit = None if sampling.kind == SEEDS else unit  # a whole number has no unit
+            settings[path] = Setting(path, Value(Number(value, sample_unit, 0), unit.written(value), at), at)
         levels.append(Level(point, settings, values=values, along=tuple(sampling.over) if sampling.kind == "local" else ()))
     return Axis(name, tuple(levels), place, sampling=sampling)
 
@@ -174,10 +174,10 @@ def _variant(name: str, node: Node, source: Source, problems: Problems) -> Level
 
 
 def _numeric(name: str, paths: list[str], node: Mapping | Items, place: Place, problems: Problems) -> Axis | None:
-    found = read_numbers(node, name, problems)
-    if found is None:
+    numbers = read_numbers(node, name, problems)
+    if numbers is None:
         return None
-    texts, unit = found
+    texts, unit = numbers
     levels = tuple(Level(s.text, {path: Setting(path, value, s.place) for path in paths}, None, number)
                    for s, value, number in texts)
     return Axis(name, levels, place, unit)
@@ -197,7 +197,7 @@ def read_numbers(node: Node, name: str, problems: Problems) -> Numbers | None:
         scalars = spaced
     else:
         scalars = reading.words(items, name, problems)
-    found, unit = [], None
+    values, unit = [], None
     for scalar in scalars:
         value = reading.value(scalar, name, problems)
         number = constant(value.expr) if value is not None and not value.formula else None
@@ -205,15 +205,15 @@ def read_numbers(node: Node, name: str, problems: Problems) -> Numbers | None:
             if value is not None:
                 problems.add("not-a-quantity", f"{name}: '{value.text}' is not a plain quantity", value.place)
             continue
-        own = getattr(value.expr, "unit", None) or read_unit("1")
-        unit = unit or own
-        if own.dimension != unit.dimension:
+        value_unit = getattr(value.expr, "unit", None) or read_unit("1")
+        unit = unit or value_unit
+        if value_unit.dimension != unit.dimension:
             problems.add("unit-wrong", f"{name}: '{scalar.text}' is not in {unit.text} as the first value is", scalar.place,
                          hint=f"Write it in {unit.text} or in a multiple of it.")
-        found.append((scalar, value, number))
+        values.append((scalar, value, number))
     if not scalars:
         problems.add("axis-empty", f"'{name}' has no values", node.place, hint="Write for example `[0.5 Hz, 1 Hz]`.")
-    return (found, unit) if found and unit is not None else None
+    return (values, unit) if values and unit is not None else None
 
 
 def _spaced(node: Mapping, name: str, problems: Problems) -> list[Scalar] | None:
@@ -223,8 +223,8 @@ def _spaced(node: Mapping, name: str, problems: Problems) -> list[Scalar] | None
     count = _quantity(node.items.get("number"), f"{name}, number", problems)
     if count is None or any(end is None for end in ends):
         return None
-    (low, unit), (high, other) = (end for end in ends if end is not None)
-    if unit.dimension != other.dimension:
+    (low, unit), (high, high_unit) = (end for end in ends if end is not None)
+    if unit.dimension != high_unit.dimension:
         problems.add("unit-wrong", f"{name}: the two ends are in different units", node.items["to"].place)
         return None
     number = int(count[0])

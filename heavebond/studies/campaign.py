@@ -73,8 +73,8 @@ class StudyResult:
 
     def published(self, outcome: Outcome, quantity: str, source: int = 0) -> float:
         """The number of a source for this case, in the same unit; NaN without one."""
-        found = self.study.beside[source].at(quantity, self.case_of(outcome).index) if self.study.beside else None
-        return float(self.units[quantity].from_si(found)) if found is not None else math.nan
+        published_value = self.study.beside[source].at(quantity, self.case_of(outcome).index) if self.study.beside else None
+        return float(self.units[quantity].from_si(published_value)) if published_value is not None else math.nan
 
     def difference(self, outcome: Outcome, quantity: str, source: int = 0) -> float:
         """(ours - theirs) / |theirs|, NaN if one is missing or theirs is zero, and for unstable gains of ours: a number
@@ -108,7 +108,7 @@ def run_study(study: Study | str | Path, *, folder: Path | None = None, processe
     units = checked(study)
     say = progress or (lambda text: None)
     jobs = len(study.cases) * max(1, len(study.procedures))
-    found: dict[int, Outcome] = {}
+    outcomes: dict[int, Outcome] = {}
     calibrated: Calibrated | None = None
     with ExitStack() as stack:
         number = executor.number if isinstance(executor, Cluster) else min(processes or processors(), jobs)
@@ -117,11 +117,11 @@ def run_study(study: Study | str | Path, *, folder: Path | None = None, processe
         try:
             study, calibrated = _calibrated(study, folder, fresh, executor, number, say)
             for k, outcome in _outcomes(study, CaseStore.at(folder, study), fresh, executor, number, say):
-                found[k] = outcome
+                outcomes[k] = outcome
         except KeyboardInterrupt:
             clear_signal()
             say("interrupted")
-    return StudyResult(study, tuple(found[k] for k in sorted(found)), units, jobs, calibrated)
+    return StudyResult(study, tuple(outcomes[k] for k in sorted(outcomes)), units, jobs, calibrated)
 
 
 def _calibrated(study: Study, folder: Path | None, fresh: bool, executor: Executor | None, number: int, say: Progress
@@ -129,12 +129,12 @@ def _calibrated(study: Study, folder: Path | None, fresh: bool, executor: Execut
     """The study with its calibrated values, if it requires them."""
     if study.calibration is None:
         return study, None
-    kept = CaseStore.at(folder, study)
-    told = kept.read(CALIBRATION) if kept is not None and not fresh else None
-    found = Calibrated.from_dict(told) if told is not None else calibrate(study, executor, number + 1, say)
-    if kept is not None and told is None:
-        kept.write(CALIBRATION, found.as_dict())
-    return replace(study, calibrated=found.values), found
+    store = CaseStore.at(folder, study)
+    stored = store.read(CALIBRATION) if store is not None and not fresh else None
+    calibrated = Calibrated.from_dict(stored) if stored is not None else calibrate(study, executor, number + 1, say)
+    if store is not None and stored is None:
+        store.write(CALIBRATION, calibrated.as_dict())
+    return replace(study, calibrated=calibrated.values), calibrated
 
 
 def _outcomes(study: Study, kept: CaseStore | None, fresh: bool, executor: Executor | None, number: int, say: Progress
@@ -142,28 +142,28 @@ def _outcomes(study: Study, kept: CaseStore | None, fresh: bool, executor: Execu
     """The number and outcome of each job: first the stored ones, then the others in the order of completion."""
     jobs = [(k, procedure) for k in range(len(study.cases)) for procedure in study.procedures or (None,)]
     names = [f"{k:04}_{procedure.name}" if procedure is not None else f"{k:04}" for k, procedure in jobs]
-    done = 0
-    left = []
+    completed = 0
+    remaining = []
     for k, (name, job) in enumerate(zip(names, jobs, strict=True)):
-        told = kept.read(name) if kept is not None and not fresh else None
-        if told is not None:
-            done += 1
-            yield k, Outcome(**told)
+        stored = kept.read(name) if kept is not None and not fresh else None
+        if stored is not None:
+            completed += 1
+            yield k, Outcome(**stored)
         else:
-            left.append((k, job))
-    told_so_far = _StudyProgress(say, len(jobs), done)
+            remaining.append((k, job))
+    told_so_far = _StudyProgress(say, len(jobs), completed)
 
     def died(k: int, _: BaseException) -> Outcome:
         case, procedure = jobs[k]
         return Outcome(case, procedure.name if procedure is not None else "", problem=DIED)
 
     if executor is None:
-        done_now = _here(study, left, told_so_far)
+        done_now = _here(study, remaining, told_so_far)
     else:
         packed = study.packed()
-        given = ((k, (packed(case), case, procedure)) for k, (case, procedure) in left)
+        tasks = ((k, (packed(case), case, procedure)) for k, (case, procedure) in remaining)
         ahead = executor.ahead if isinstance(executor, Cluster) else number + 1
-        done_now = as_done(executor, worked, given, ahead, instead=died)
+        done_now = as_done(executor, worked, tasks, ahead, instead=died)
     for k, outcome in done_now:
         if kept is not None and not outcome.problem:
             kept.write(names[k], outcome.as_dict())
@@ -200,11 +200,11 @@ class _StudyProgress:
 
     @property
     def words(self) -> str:
-        here, left = self.done - self.first, self.jobs - self.done
+        completed_here, remaining = self.done - self.first, self.jobs - self.done
         begin = f"{self.done} of {self.jobs} done"
-        if not here or not left:
+        if not completed_here or not remaining:
             return begin
-        return f"{begin}, {duration((clock.perf_counter() - self.began) / here * left)} left"
+        return f"{begin}, {duration((clock.perf_counter() - self.began) / completed_here * remaining)} left"
 
 
 # -- stored results ----------------------------------------------------------------------------------------------------
@@ -223,9 +223,9 @@ class CaseStore:
     def read(self, name: str) -> dict[str, Any] | None:
         """The stored result of that name, None without one for the same files."""
         try:
-            told = json.loads((self.folder / f"{file_stem(name)}.json").read_text(encoding="utf-8"))
-            found = told["found"]
-            return found if told["fingerprint"] == self.fingerprint and isinstance(found, dict) else None
+            stored = json.loads((self.folder / f"{file_stem(name)}.json").read_text(encoding="utf-8"))
+            result = stored["found"]
+            return result if stored["fingerprint"] == self.fingerprint and isinstance(result, dict) else None
         except (OSError, ValueError, KeyError, TypeError):
             return None  # incomplete, or of another program: it is computed again
 

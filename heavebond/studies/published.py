@@ -45,8 +45,8 @@ class ReferenceValues:
 
     def at(self, quantity: str, index: tuple[int, ...]) -> float | None:
         """The number in SI, None if the source has none."""
-        found = self.numbers.get(quantity, {}).get(index)
-        return found.value if found is not None else None
+        published_value = self.numbers.get(quantity, {}).get(index)
+        return published_value.value if published_value is not None else None
 
 
 def read_beside(node: Node | None, axes: Sequence[Axis], quantities: Sequence[str], problems: Problems
@@ -58,13 +58,13 @@ def read_beside(node: Node | None, axes: Sequence[Axis], quantities: Sequence[st
         entries = reading.mapping(item, f"'{source}'", problems,
                                   "Write one quantity a line: `WOB variation: [15 kN, 6 kN]`.")
         numbers = {}
-        for name, given in (entries.items if entries else {}).items():
+        for name, entry in (entries.items if entries else {}).items():
             if name not in quantities:
                 problems.add("quantity-unknown", f"'{name}' is nothing that this study measures or tunes",
-                             entries.keys[name].place if entries else given.place,
+                             entries.keys[name].place if entries else entry.place,
                              hint=suggest(name, quantities) or f"Known: {listing(quantities)}.")
                 continue
-            numbers[name] = dict(_spread(given, name, dict(enumerate(axes)), {}, problems, len(axes)))
+            numbers[name] = dict(_spread(entry, name, dict(enumerate(axes)), {}, problems, len(axes)))
         found.append(ReferenceValues(source, numbers))
     return tuple(found)
 
@@ -81,8 +81,8 @@ def _spread(node: Node, name: str, left: dict[int, Axis], chosen: dict[int, int]
         return
     pairs = list(_levels(node, name, left, problems))
     for k, level, item in pairs:
-        rest = {j: axis for j, axis in left.items() if j != k}
-        yield from _spread(item, name, rest, {**chosen, k: level}, problems, number)
+        remaining = {j: axis for j, axis in left.items() if j != k}
+        yield from _spread(item, name, remaining, {**chosen, k: level}, problems, number)
 
 
 def _levels(node: Entries | Items, name: str, left: dict[int, Axis], problems: Problems) -> Iterator[tuple[int, int, Node]]:
@@ -108,13 +108,13 @@ def _levels(node: Entries | Items, name: str, left: dict[int, Axis], problems: P
 
 def _matched(node: Entries, axis: Axis) -> list[tuple[int, Node]]:
     """The levels of the keys; empty if a key is not a level."""
-    found = []
+    levels = []
     for key, item in node.items.items():
         at = next((k for k, level in enumerate(axis.levels) if _same(key, level.name, level.value)), None)
         if at is None:
             return []
-        found.append((at, item))
-    return found
+        levels.append((at, item))
+    return levels
 
 
 def _same(key: str, name: str, value: float) -> bool:

@@ -82,15 +82,15 @@ def worked(given: Study | PackedCase, number: int, procedure: Procedure | None, 
     study = given.study if isinstance(given, PackedCase) else given
     name = procedure.name if procedure is not None else ""
     try:
-        found = _worked(study, study.case(number), procedure, progress or check_cancelled)
+        outcome = _worked(study, study.case(number), procedure, progress or check_cancelled)
     except HeavebondError as error:
         first = error.problems[0]
-        found = Outcome(number, problem=first.message + (f" {first.hint}" if first.hint else ""))
+        outcome = Outcome(number, problem=first.message + (f" {first.hint}" if first.hint else ""))
     except Stopped:
         raise
     except Exception as error:  # a fault of the program in one case must not discard the others, which may be hours of work
-        found = Outcome(number, problem=f"the program failed: {type(error).__name__}: {error}")
-    return replace(found, case=number, procedure=name, seconds=clock.perf_counter() - began)
+        outcome = Outcome(number, problem=f"the program failed: {type(error).__name__}: {error}")
+    return replace(outcome, case=number, procedure=name, seconds=clock.perf_counter() - began)
 
 
 def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress: Progress | None) -> Outcome:
@@ -111,9 +111,9 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
         tuned = tuned_by(Objective(assembly, study.task), procedure, progress)
         values = {**tuned.values, COST: tuned.cost, SIMULATIONS: tuned.simulations}
         limits, message, at_end = tuned.limits, tuned.message, tuned.at_end
-        asked = study.task.stable is not False
-        stability = {**asdict(tuned.stability), "words": list(stability_words(tuned.stability, asked=asked)),
-                     "summary": summary_sentences(tuned.stability, asked=asked)}
+        stability_required = study.task.stable is not False
+        stability = {**asdict(tuned.stability), "words": list(stability_words(tuned.stability, asked=stability_required)),
+                     "summary": summary_sentences(tuned.stability, asked=stability_required)}
         assembly = assembly.with_parameters(tuned.values)
     by = tuple(name for level in case.levels for name in level.along)
     (told, run, slopes), filled = with_filled_nodes(lambda machine: measured(study, machine, by), assembly,
@@ -135,9 +135,9 @@ def _solver(run: Result | None) -> str:
 def assembled(study: Study, case: StudyCase) -> Assembly:
     """The diagram of a case with calibrated values; a case that sets such a parameter keeps its value."""
     assembly = assemble(case.model, named_in(study))
-    own = assembly.parameter_values
+    parameter_values = assembly.parameter_values
     return assembly.with_parameters({name: after for name, (before, after) in study.calibrated.items()
-                                     if math.isclose(own[name], before, rel_tol=1e-9, abs_tol=0.0)})
+                                     if math.isclose(parameter_values[name], before, rel_tol=1e-9, abs_tol=0.0)})
 
 
 def tuned_by(problem: Objective, procedure: Procedure, progress: Progress | None = None) -> Tuned:
@@ -173,8 +173,8 @@ def measured(study: Study, assembly: Assembly, by: Sequence[str] = ()
     if by:
         run = Simulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors,
                         sensitivities=by, dense=True).run()
-    numbers, ways = evaluator.functional_values(run)
-    found = evaluator.cost_values(numbers, ways, references, run.p,
+    numbers, slopes = evaluator.functional_values(run)
+    found = evaluator.cost_values(numbers, slopes, references, run.p,
                                   run.along.p if run.along is not None else np.zeros((0, len(run.p))))
     return ({name: value for name, (value, _) in zip(study.measures, found, strict=True)}, run,
             {name: dict(zip(by, slope.tolist(), strict=True)) for name, (_, slope) in zip(study.measures, found, strict=True)
@@ -197,8 +197,9 @@ def _signals(study: Study, run: Result | None) -> tuple[tuple[float, ...], dict[
     if run is None or not study.signals:
         return (), {}
     step = math.ceil(len(run.time) / MOST_POINTS)
-    found = {name: [float(f"{v:.{DIGITS}g}") for v in values[::step]] for name, values in run.signals(study.signals).items()}
-    return tuple(float(f"{t:.{DIGITS}g}") for t in run.time[::step]), found
+    signals = {name: [float(f"{v:.{DIGITS}g}") for v in values[::step]] for name,
+               values in run.signals(study.signals).items()}
+    return tuple(float(f"{t:.{DIGITS}g}") for t in run.time[::step]), signals
 
 
 def _modes(study: Study, assembly: Assembly) -> tuple[dict[str, Any], ...]:
@@ -225,17 +226,17 @@ def checked(study: Study) -> dict[str, Unit]:
     """The display unit of each number; ModelError with places in the study file for mistakes in it. Diagrams are
     assembled so often that every level of every axis occurs once.
     """
-    problems, found = Problems(), {}
+    problems, units = Problems(), {}
     for case in _covering(study):
         assembly = assemble(case.model, named_in(study))
         _check_along(study, assembly, problems)
-        found = _units(study, assembly, problems)
+        units = _units(study, assembly, problems)
         problems.raise_as(ModelError)
     if study.calibration is not None:
         with relocated(study.places["calibrate"], problems):
             own_values(study.model, study.calibration)
         problems.raise_as(ModelError)
-    return found
+    return units
 
 
 def _check_along(study: Study, assembly: Assembly, problems: Problems) -> None:
@@ -271,7 +272,7 @@ def _covering(study: Study) -> list[StudyCase]:
 
 
 def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Unit]:
-    found: dict[str, Unit] = {}
+    units: dict[str, Unit] = {}
     if study.task is not None:
         with relocated(study.places.get("cost"), problems):
             check_smooth(read_cost(assembly, study.task.cost))
@@ -280,12 +281,12 @@ def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Un
                 check_smooth(read_limit(assembly, limit))
         with relocated(study.places.get("free"), problems):
             check_free(assembly, study.task)
-        found = {name: wanted.unit for name, wanted in study.task.free.items()}
-        found |= {COST: read_unit("1"), SIMULATIONS: read_unit("1")}
+        units = {name: wanted.unit for name, wanted in study.task.free.items()}
+        units |= {COST: read_unit("1"), SIMULATIONS: read_unit("1")}
     for measure in study.measures.values():
         with relocated(measure.place, problems):
             cost = read_cost(assembly, measure.text)
-            found[measure.name] = _unit(measure, cost, problems)
+            units[measure.name] = _unit(measure, cost, problems)
             if study.calibration is not None and measure.name in study.calibration.targets and any(cost.references):
                 problems.add("target-reference", f"'{measure.name}' holds ref(...), and nothing is calibrated by that",
                              measure.place, hint="Take a number without it as a target.")
@@ -293,8 +294,8 @@ def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Un
         for name in picture.names:
             with relocated(picture.place, problems):
                 _check_signal(assembly, name)
-    _check_published(study, found, problems)
-    return found
+    _check_published(study, units, problems)
+    return units
 
 
 def _unit(measure: Measure, cost: Cost, problems: Problems) -> Unit:
@@ -322,15 +323,17 @@ def _check_published(study: Study, units: Mapping[str, Unit], problems: Problems
     """Check that published numbers have the units of the measured ones."""
     for beside in study.beside:
         for name, numbers in beside.numbers.items():
-            for given in numbers.values():
-                if name in units and given.unit.dimension != units[name].dimension:
-                    problems.add("unit-wrong", f"{name} is given in {given.unit.text}; {units[name].text} is needed",
-                                 given.place)
-                elif name in units and given.unit.offset and units[name].text == units[name].of_intervals.text \
+            for published_value in numbers.values():
+                if name in units and published_value.unit.dimension != units[name].dimension:
+                    problems.add("unit-wrong",
+                                 f"{name} is given in {published_value.unit.text}; {units[name].text} is needed",
+                                 published_value.place)
+                elif name in units and published_value.unit.offset and units[name].text == units[name].of_intervals.text \
                         and study.measures[name].unit and read_unit(study.measures[name].unit).offset:
-                    problems.add("unit-offset", f"{name} is a difference of temperatures, and {given.unit.text} has an "
-                                 "offset", given.place,
-                                 hint=f"Write '{interval_text(given.value, given.unit)}'.")
+                    problems.add("unit-offset",
+                                 f"{name} is a difference of temperatures, and {published_value.unit.text} has an "
+                                 "offset", published_value.place,
+                                 hint=f"Write '{interval_text(published_value.value, published_value.unit)}'.")
 
 
 @contextmanager
@@ -349,8 +352,8 @@ def named_in(study: Study) -> set[str]:
     """Names that the study needs although no equation uses them, for example positions."""
     texts = [*(m.text for m in study.measures.values()), *study.signals,
              *((study.task.cost, *study.task.limits) if study.task is not None else ())]
-    found: set[str] = set()
+    names_needed: set[str] = set()
     for text in texts:
         with suppress(ExpressionProblem):
-            found |= {name.text for name in names(study.model.library.formula(text, FUNCTIONALS))}
-    return found
+            names_needed |= {name.text for name in names(study.model.library.formula(text, FUNCTIONALS))}
+    return names_needed

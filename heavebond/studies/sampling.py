@@ -70,10 +70,10 @@ def points(sampling: Sampling) -> Array:
     if sampling.kind == SEEDS:
         return np.column_stack([np.arange(wanted.low, wanted.high + 0.5) for wanted in sampling.over.values()])
     if sampling.kind == "one_at_a_time":
-        found = np.full((1 + 2 * m, m), np.nan)
+        values = np.full((1 + 2 * m, m), np.nan)
         for k, wanted in enumerate(sampling.over.values()):
-            found[1 + 2 * k, k], found[2 + 2 * k, k] = wanted.low, wanted.high
-        return found
+            values[1 + 2 * k, k], values[2 + 2 * k, k] = wanted.low, wanted.high
+        return values
     shares = _shares(sampling, 2 * m if sampling.kind == "sobol_indices" else m)
     if sampling.kind == "sobol_indices":
         first, second = shares[:, :m], shares[:, m:]
@@ -109,28 +109,28 @@ def read_sampling(entry: Entries, name: str, problems: Problems) -> Sampling | N
     """`{sample: {sobol: 64, seed: 1}, over: {spring.c: 42 kN/m +- 20 %}}`."""
     reading.known_keys(entry, ("sample", "over"), f"'{name}'", problems, required=("sample", "over"))
     over = read_ranges(entry.items.get("over"), "over", problems)
-    given = entry.items.get("sample")
-    if given is None or not over:
+    sample_node = entry.items.get("sample")
+    if sample_node is None or not over:
         if "over" in entry.items and not over and not problems.found:
             problems.add("sample-empty", f"'{name}' samples over nothing", entry.place,
                          hint="Write `over: {spring.c: 20 .. 60 kN/m}`.")
         return None
-    if isinstance(given, Scalar):
-        return _named(given, over, problems)
-    chosen = reading.mapping(given, "sample", problems, "Write for example `sample: {sobol: 64}`.")
+    if isinstance(sample_node, Scalar):
+        return _named(sample_node, over, problems)
+    chosen = reading.mapping(sample_node, "sample", problems, "Write for example `sample: {sobol: 64}`.")
     return _drawn(chosen, over, problems) if chosen is not None else None
 
 
 def read_ranges(node: Node | None, what: str, problems: Problems) -> dict[str, Range]:
     """Parameters and their ranges: `spring.c: 20 .. 60 kN/m`, or `42 kN/m +- 20 %`."""
     entries = reading.mapping(node, what, problems)
-    found: dict[str, Range] = {}
+    ranges: dict[str, Range] = {}
     for name, item in (entries.items if entries else {}).items():
         try:
-            found[name] = parse_range(reading.text(item, name, problems))
+            ranges[name] = parse_range(reading.text(item, name, problems))
         except UnitProblem as problem:
             problems.add(problem.code, f"{name}: {problem.message}", item.place, hint=problem.hint)
-    return found
+    return ranges
 
 
 def _are_seeds(over: Mapping[str, Range]) -> bool:

@@ -74,30 +74,30 @@ def measured_together(study: Study, case: StudyCase, named: set[str]) -> tuple[d
     signals that the study names."""
     if study.total < SHARED_RUNS.min_cases or study.task is not None or any(level.along for level in case.levels):
         return None
-    numbers, others = _numbers(case.levels)
+    numbers, variants = _numbers(case.levels)
     if not numbers:
         return None
     model = next((level.model for level in case.levels if level.model is not None), study.model)
     try:
-        shared = _shared(study, model, others, named)
+        shared = _shared(study, model, variants, named)
         values = shared.values(numbers) if shared.runs is not None else None
-        found = shared.runs.measured(values) if values is not None and shared.runs is not None else None
-        return found if found is not None and all(map(isfinite, found[0].values())) else None
+        measured_case = shared.runs.measured(values) if values is not None and shared.runs is not None else None
+        return measured_case if measured_case is not None and all(map(isfinite, measured_case[0].values())) else None
     except HeavebondError:
         return None  # the separate case reports the error
 
 
 def _numbers(levels: Sequence[Level]) -> tuple[dict[str, Value], tuple[Level, ...]]:
     """The values that are plain numbers, and the other levels: variants."""
-    numbers, others = dict[str, Value](), list[Level]()
+    numbers, variants = dict[str, Value](), list[Level]()
     for level in levels:
-        given = {path: setting.value for path, setting in level.settings.items()
-                 if isinstance(setting.value, Value) and isinstance(setting.value.expr, Number)}
-        if level.model is None and len(given) == len(level.settings):
-            numbers |= given
+        plain_values = {path: setting.value for path, setting in level.settings.items()
+                        if isinstance(setting.value, Value) and isinstance(setting.value.expr, Number)}
+        if level.model is None and len(plain_values) == len(level.settings):
+            numbers |= plain_values
         else:
-            others.append(level)
-    return numbers, tuple(others)
+            variants.append(level)
+    return numbers, tuple(variants)
 
 
 def _shared(study: Study, model: Model, others: tuple[Level, ...], named: set[str]) -> _Shared:
@@ -132,7 +132,7 @@ class _Shared:
         """All parameters with these set; None if one of them is unknown, shapes the equations, or is not permitted."""
         if not numbers.keys() <= self.units.keys():
             return None
-        found = self.assembly.parameter_values
+        values = self.assembly.parameter_values
         for name, value in numbers.items():
             assert isinstance(value.expr, Number)
             try:
@@ -140,12 +140,12 @@ class _Shared:
                     check_unit(value.expr.unit, self.units[name], value.expr.value, value.text)
             except UnitProblem:
                 return None
-            found[name] = value.expr.value
-        found |= {name: after for name, (before, after) in self.calibrated.items()
-                  if isclose(found[name], before, rel_tol=1e-9, abs_tol=0.0)}
+            values[name] = value.expr.value
+        values |= {name: after for name, (before, after) in self.calibrated.items()
+                   if isclose(values[name], before, rel_tol=1e-9, abs_tol=0.0)}
         rows, low, high = self.allowed
-        inside = rows(np.array([found[name] for name in self.assembly.parameter_names]))["o0"].ravel()
-        return found if np.all((inside >= low) & (inside <= high)) else None
+        inside = rows(np.array([values[name] for name in self.assembly.parameter_names]))["o0"].ravel()
+        return values if np.all((inside >= low) & (inside <= high)) else None
 
 
 def _allowed(flat: Flat) -> tuple[Buffered, Array, Array]:
@@ -157,8 +157,10 @@ def _allowed(flat: Flat) -> tuple[Buffered, Array, Array]:
     truths = []
     for path, leaf in expanded.leaves.items():
         if leaf.component.requires:
-            made = template(leaf.component, expanded.model.library.domains, network.domains[path], leaf.integers)
-            truths.append(made.requirements(stack([flat.constants[f"{path}.{name}"] for name in made.parameters])))
+            component_template = template(leaf.component, expanded.model.library.domains, network.domains[path],
+                                          leaf.integers)
+            truths.append(component_template.requirements(stack([flat.constants[f"{path}.{name}"]
+                                                                 for name in component_template.parameters])))
     true = stack(truths)
     rows = stack([*(value for value, _ in declared), ca.if_else(true != 0, 1, 0)])
     low = [-inf if parameter.low is None else parameter.low for _, parameter in declared]
@@ -201,12 +203,12 @@ class _Runs:
         if any(any(cost.references) for cost in evaluator.costs):
             passive = simulator.assembly.with_parameters(values).with_parameters(self.study.reference)
             references = evaluator.functional_values(simulator.run(passive.parameter_values))[0]
-        numbers, ways = evaluator.functional_values(run)
-        found = evaluator.cost_values(numbers, ways, references, run.p, np.zeros((0, len(run.p))))
-        return {name: value for name, (value, _) in zip(self.study.measures, found, strict=True)}, run
+        numbers, slopes = evaluator.functional_values(run)
+        costs = evaluator.cost_values(numbers, slopes, references, run.p, np.zeros((0, len(run.p))))
+        return {name: value for name, (value, _) in zip(self.study.measures, costs, strict=True)}, run
 
 
 def run_times(study: Study, assembly: Assembly) -> Array:
     """Output times of a measured run: the diagram's, to the end of the evaluated time."""
-    own = grid(assembly.model, study.end, None)
-    return np.union1d(own, [study.begin])
+    times = grid(assembly.model, study.end, None)
+    return np.union1d(times, [study.begin])

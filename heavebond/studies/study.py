@@ -186,9 +186,9 @@ class PackedCase:
 
 @lru_cache(maxsize=4)
 def _unpacked(shared: bytes) -> Study:
-    found = unpacked(shared)
-    assert isinstance(found, Study)
-    return found
+    study = unpacked(shared)
+    assert isinstance(study, Study)
+    return study
 
 
 def load_study(name: str | Path) -> Study:
@@ -278,11 +278,11 @@ def _stable(node: Node | None, problems: Problems) -> bool | None:
     """True if the tuned machine must be stable at rest, False for `stable: off`; None without the key."""
     if node is None:
         return None
-    said = reading.text(node, "stable", problems, "on")
-    if said not in ASKED:
-        problems.add("stable-unknown", f"`stable: {said}` has no meaning", node.place,
+    word = reading.text(node, "stable", problems, "on")
+    if word not in ASKED:
+        problems.add("stable-unknown", f"`stable: {word}` has no meaning", node.place,
                      hint="Write `stable: off` where the tuned machine need not be stable at rest; without it, it must.")
-    return ASKED.get(said, True)
+    return ASKED.get(word, True)
 
 
 def _window(node: Node | None, what: str, problems: Problems) -> tuple[float | None, float | None]:
@@ -297,7 +297,7 @@ def _window(node: Node | None, what: str, problems: Problems) -> tuple[float | N
 def _widths(node: Node | None, problems: Problems) -> dict[str, str]:
     """Uncertainties as written; they are compared with the parameters later."""
     entries = reading.mapping(node, "uncertain", problems)
-    found: dict[str, str] = {}
+    widths: dict[str, str] = {}
     for name, item in (entries.items if entries else {}).items():
         text = reading.text(item, name, problems)
         try:
@@ -308,36 +308,36 @@ def _widths(node: Node | None, problems: Problems) -> dict[str, str]:
         if width <= 0:
             problems.add("uncertainty-not-positive", f"{name}: an uncertainty is above 0", item.place,
                          hint="Write `20 %` or `3 kN`.")
-        found[name] = text
-    return found
+        widths[name] = text
+    return widths
 
 
 def _values(node: Node | None, source: Source, problems: Problems) -> dict[str, float | str]:
     """Quantities as written; their units are checked when they are set."""
-    found: dict[str, float | str] = {}
+    values: dict[str, float | str] = {}
     for path, setting in read_settings(node, source, problems).items():
         if isinstance(setting.value, FileInput) or setting.value.formula:
             problems.add("not-a-quantity", f"{path} must be a plain quantity here", setting.place)
         else:
-            found[path] = setting.value.text
-    return found
+            values[path] = setting.value.text
+    return values
 
 
 def _over(node: Node | None, source: Source, problems: Problems) -> tuple[Case, ...]:
     """The conditions over which the cost is averaged."""
     entries = reading.mapping(node, "over", problems)
-    found = []
+    cases = []
     for name, item in (entries.items if entries else {}).items():
         weight = 1.0
         if isinstance(item, Mapping) and "weight" in item.items:
-            given = item.items["weight"]
-            value = reading.value(given, "weight", problems)
+            weight_node = item.items["weight"]
+            value = reading.value(weight_node, "weight", problems)
             number = constant(value.expr) if value is not None else None
             weight = number if number is not None and number > 0 else 1.0
-            rest = {k: v for k, v in item.items.items() if k != "weight"}
-            item = Mapping(rest, {k: item.keys[k] for k in rest}, item.place)
-        found.append(Case(name, _values(item, source, problems), weight))
-    return tuple(found)
+            settings = {k: v for k, v in item.items.items() if k != "weight"}
+            item = Mapping(settings, {k: item.keys[k] for k in settings}, item.place)
+        cases.append(Case(name, _values(item, source, problems), weight))
+    return tuple(cases)
 
 
 # -- procedures --------------------------------------------------------------------------------------------------------
@@ -345,12 +345,12 @@ def _procedures(node: Node | None, source: Source, task: TuningProblem, problems
     entries = reading.mapping(node, "by", problems, "Write one procedure a line: `gradients: {}`.")
     if entries is None:
         return (Procedure("gradients"),)
-    found = []
+    procedures = []
     for name, item in entries.items.items():
         entry = reading.mapping(item, f"'{name}'", problems)
         if entry is not None and reading.identifier(entries.keys[name], "a procedure", problems):
-            found.append(_procedure(name, entry, source, task, problems))
-    return tuple(found)
+            procedures.append(_procedure(name, entry, source, task, problems))
+    return tuple(procedures)
 
 
 def _procedure(name: str, entry: Mapping, source: Source, task: TuningProblem, problems: Problems) -> Procedure:
@@ -423,45 +423,45 @@ def _calibration(node: Node | None, beside: Many[ReferenceValues], problems: Pro
 def _measures(node: Node | None, problems: Problems) -> dict[str, Measure]:
     entries = reading.mapping(node, "measure", problems,
                               "Write one quantity a line: `WOB: {is: largest(bit.F - 30 kN), unit: kN}`.")
-    found = {}
+    measures = {}
     for name, item in (entries.items if entries else {}).items():
         unit, formula = "", item
         if isinstance(item, Mapping):
             reading.known_keys(item, ("is", "unit"), f"'{name}'", problems, required=("is",))
             unit = reading.text(item.items.get("unit"), "unit", problems)
             formula = item.items.get("is", item)
-            if isinstance(given := item.items.get("unit"), Scalar):
-                reading.unit_text(given, problems)
+            if isinstance(unit_node := item.items.get("unit"), Scalar):
+                reading.unit_text(unit_node, problems)
         if isinstance(formula, Scalar):
             place = formula.place.moved(1 if formula.quoted else 0, len(formula.text))
-            found[name] = Measure(name, formula.text, unit, place)
+            measures[name] = Measure(name, formula.text, unit, place)
         elif not isinstance(formula, Mapping):
             problems.add("not-text", f"'{name}' is {formula.kind}; a formula is expected", formula.place)
-    return found
+    return measures
 
 
 def _pictures(node: Node | None, axes: Many[Axis], quantities: Many[str], problems: Problems) -> tuple[Picture, ...]:
     entries = reading.mapping(node, "pictures", problems, "Write one picture a line: `wob: {signals: [WOB]}`.")
-    found = []
+    pictures = []
     for name, item in (entries.items if entries else {}).items():
         key = entries.keys[name] if entries else Scalar(name, item.place)
         entry = reading.mapping(item, f"'{name}'", problems)
         if entry is None or not reading.identifier(key, "a picture", problems):
             continue
         reading.known_keys(entry, ("title", *PICTURES, "from", "to"), f"'{name}'", problems)
-        shown = {kind: tuple(w.text for w in reading.words(entry.items[kind], kind, problems)) for kind in PICTURES
-                 if kind in entry.items}
-        if len(shown) != 1:
+        names_by_kind = {kind: tuple(w.text for w in reading.words(entry.items[kind], kind, problems)) for kind in PICTURES
+                         if kind in entry.items}
+        if len(names_by_kind) != 1:
             problems.add("picture-kind", f"picture '{name}' shows one of {', '.join(PICTURES)}", key.place,
                          hint="Write `signals: [WOB]` or `curves: [WOB variation]`.")
             continue
-        (kind, names), = shown.items()
+        (kind, names), = names_by_kind.items()
         _check_picture(name, kind, names, axes, quantities, key.place, problems)
         ends = {k: v for k, v in entry.items.items() if k in ("from", "to")}
         window = Mapping(ends, {k: entry.keys[k] for k in ends}, entry.place)
-        found.append(Picture(name, reading.text(entry.items.get("title"), "title", problems), kind, names,
-                             *_window(window, name, problems), key.place))
-    return tuple(found)
+        pictures.append(Picture(name, reading.text(entry.items.get("title"), "title", problems), kind, names,
+                                *_window(window, name, problems), key.place))
+    return tuple(pictures)
 
 
 def _check_picture(name: str, kind: str, names: Many[str], axes: Many[Axis], quantities: Many[str], place: Place,

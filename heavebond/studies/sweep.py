@@ -47,10 +47,10 @@ class Sweep:
 
 def read_over(text: str) -> SweepAxis:
     """`controller.K_p=1 .. 4 1/m; 9`, `wave.T=8 s, 10 s`, `gas.c=42 kN/m +- 20 %`; UsageError for another form."""
-    path, sign, given = (part.strip() for part in text.partition("="))
-    if not sign or not path or not given:
+    path, sign, values_text = (part.strip() for part in text.partition("="))
+    if not sign or not path or not values_text:
         raise UsageError([Problem("over-form", f"--over {text}: this is not PATH=VALUES", None, EXAMPLE)])
-    words, _, steps = (part.strip() for part in given.partition(";"))
+    words, _, steps = (part.strip() for part in values_text.partition(";"))
     if ".." not in words and "+-" not in words:
         return SweepAxis(path, tuple(value.strip() for value in words.split(",")))
     try:
@@ -125,9 +125,9 @@ def _sample(sweep: Sweep) -> str:
         return kind
     points = whole(number)
     if kind not in DRAWN or points is None:
-        said = f"{kind}:64" if kind in DRAWN else ""
+        suggestion_text = f"{kind}:64" if kind in DRAWN else ""
         raise UsageError([Problem("sample-unknown", f"--sample {sweep.sample}: this is not a sampling method", None,
-                                  f"Write --sample {said}." if said else suggest(kind, KINDS) or
+                                  f"Write --sample {suggestion_text}." if suggestion_text else suggest(kind, KINDS) or
                                   f"Write {listing([f'{k}:64' for k in DRAWN] + list(NAMED), 9)}.")])
     if kind in BALANCED and points & (points - 1):
         raise UsageError([Problem("sample-unbalanced", f"--sample {sweep.sample}: {number} is not a power of two", None,
@@ -138,11 +138,11 @@ def _sample(sweep: Sweep) -> str:
 
 def _pictures(sweep: Sweep) -> list[str]:
     """The pictures that suit the axes."""
-    shown = f"[{', '.join(_quoted(text) for text, _ in sweep.measures)}]"
+    measure_list = f"[{', '.join(_quoted(text) for text, _ in sweep.measures)}]"
     number = sum(1 for over in sweep.overs if over.number or over.values)
     kind = sweep.sample.partition(":")[0].strip()
     kinds = {**{name: kind in fitting for name, fitting in SAMPLES_OF.items()},
              "curves": number > 0 and not sweep.sample and not sweep.worst, "map": number > 1 and not sweep.sample}
-    found = [f"  {name}: {{{name}: {shown}}}" for name, wanted in kinds.items() if wanted]
-    found += [f"  signals: {{signals: [{', '.join(map(_quoted, sweep.signals))}]}}"] if sweep.signals else []
-    return ["pictures:", *found] if found else []
+    lines = [f"  {name}: {{{name}: {measure_list}}}" for name, wanted in kinds.items() if wanted]
+    lines += [f"  signals: {{signals: [{', '.join(map(_quoted, sweep.signals))}]}}"] if sweep.signals else []
+    return ["pictures:", *lines] if lines else []

@@ -117,7 +117,7 @@ def _level(result: StudyResult, outcome: Outcome, k: int) -> str:
 def _clear(result: StudyResult, name: str) -> str:
     """`K_p` of `controller.K_p`, unless another name has the same end."""
     short = name.rpartition(".")[2]
-    alone = sum(other.rpartition(".")[2] == short for other in result.units) == 1
+    alone = sum(name_of_other.rpartition(".")[2] == short for name_of_other in result.units) == 1
     return short if alone and not set(" (") & set(name) else name
 
 
@@ -152,25 +152,25 @@ def mode_rows(result: StudyResult) -> Iterator[tuple[str, str, str, str]]:
 def stability_rows(result: StudyResult) -> Iterator[tuple[str, str, str]]:
     """Case, procedure and sentence on the stability of the tuned machine."""
     for outcome in result.outcomes:
-        for k, said in enumerate(stability_summary(outcome)):
-            yield (result.case_of(outcome).name if not k else "", outcome.procedure if not k else "", said)
+        for k, sentence in enumerate(stability_summary(outcome)):
+            yield (result.case_of(outcome).name if not k else "", outcome.procedure if not k else "", sentence)
 
 
 def stability_summary(outcome: Outcome) -> list[str]:
     """Stability with damping and loop, and the parameters at an end of their range."""
-    said: list[str] = outcome.stability.get("summary", [])
-    return said + [f"{name} ended at the {end} end of its range" for name, end in outcome.at_end.items()]
+    sentences: list[str] = outcome.stability.get("summary", [])
+    return sentences + [f"{name} ended at the {end} end of its range" for name, end in outcome.at_end.items()]
 
 
 def calibration_rows(result: StudyResult) -> Iterator[tuple[str, ...]]:
     """Parameter, before, calibrated, range, and the end of it if it is there."""
-    found, calibration = result.calibrated, result.study.calibration
-    assert found is not None and calibration is not None
-    for name, (before, after) in found.values.items():
+    calibrated, calibration = result.calibrated, result.study.calibration
+    assert calibrated is not None and calibration is not None
+    for name, (before, after) in calibrated.values.items():
         wanted = calibration.free[name]
         written = wanted.unit.written
         yield (name, written(before), written(after), f"{written(wanted.low)} .. {written(wanted.high)}",
-               f"at its {found.at_end[name]} end" if name in found.at_end else "")
+               f"at its {calibrated.at_end[name]} end" if name in calibrated.at_end else "")
 
 
 def residual_rows(result: StudyResult) -> Iterator[tuple[str, ...]]:
@@ -205,8 +205,8 @@ def mean_rows(result: StudyResult) -> tuple[list[str], list[list[str]], int]:
     rows = []
     for others, outcomes in groups(result):
         one = next(iter(outcomes.values()))
-        told = [_level(result, one, k) for k in at] + ([one.procedure] if len(result.study.procedures) > 1 else [])
-        rows.append(told + [_with_interval(found.get(others, {}).get(name)) for name in names])
+        row_start = [_level(result, one, k) for k in at] + ([one.procedure] if len(result.study.procedures) > 1 else [])
+        rows.append(row_start + [_with_interval(found.get(others, {}).get(name)) for name in names])
     head = [_axis_head(result, k) for k in at] + (["procedure"] if len(result.study.procedures) > 1 else [])
     words = next((n for n, k in enumerate(at) if result.study.axes[k].unit is not None), len(at))
     return [*head, *(_column_head(result, name) for name in names)], rows, words
@@ -226,10 +226,10 @@ def _with_interval(spread: Spread | None) -> str:
 
 def index_rows(result: StudyResult) -> list[tuple[str, ...]]:
     """Quantity, other levels, parameter, Sobol indices of first and total order with their 95 % intervals."""
-    return [(found.quantity if k == 0 else "", found.others if k == 0 else "", name,
-             f"{found.first[k]:.3f}", _interval(found.first_interval[k]), f"{found.total[k]:.3f}",
-             _interval(found.total_interval[k]))
-            for found in indices(result) for k, name in enumerate(found.parameters)]
+    return [(sobol.quantity if k == 0 else "", sobol.others if k == 0 else "", name,
+             f"{sobol.first[k]:.3f}", _interval(sobol.first_interval[k]), f"{sobol.total[k]:.3f}",
+             _interval(sobol.total_interval[k]))
+            for sobol in indices(result) for k, name in enumerate(sobol.parameters)]
 
 
 def _interval(ends: tuple[float, float]) -> str:
@@ -238,9 +238,9 @@ def _interval(ends: tuple[float, float]) -> str:
 
 def slope_rows(result: StudyResult) -> list[tuple[str, ...]]:
     """Quantity, other levels, parameter, change by 1 % more of it, and its share of the variance to first order."""
-    return [(_titled(result, found.quantity) if k == 0 else "", found.others if k == 0 else "", name,
-             f"{found.percent[k]:+.3g}", f"{found.swing[k]:+.3g}", f"{100 * found.share[k]:.1f} %")
-            for found in slopes(result) for k, name in enumerate(found.parameters)]
+    return [(_titled(result, slope.quantity) if k == 0 else "", slope.others if k == 0 else "", name,
+             f"{slope.percent[k]:+.3g}", f"{slope.swing[k]:+.3g}", f"{100 * slope.share[k]:.1f} %")
+            for slope in slopes(result) for k, name in enumerate(slope.parameters)]
 
 
 # -- files -------------------------------------------------------------------------------------------------------------

@@ -49,12 +49,12 @@ def tuning_request(name: str, cost: str | None, limits: Sequence[str], evaluate:
 
 def _seconds(text: str) -> tuple[float, float]:
     try:
-        found = parse_range(text)
-        if found.unit.dimension != unit("s").dimension:
+        time_range = parse_range(text)
+        if time_range.unit.dimension != unit("s").dimension:
             raise UnitProblem("unit-wrong", f"'{text}' is not a time", "Write for example --evaluate '72 .. 96 s'.")
     except UnitProblem as problem:
         raise UsageError([Problem(problem.code, f"--evaluate: {problem.message}", None, problem.hint)]) from None
-    return found.low, found.high
+    return time_range.low, time_range.high
 
 
 def with_free(assembly: Assembly, task: TuningProblem, texts: Sequence[str]) -> TuningProblem:

@@ -80,56 +80,58 @@ def view(job: Job, opened: Sequence[str] = ()) -> Entry:
     """The drawing and the contents of a diagram, with the problems that `heavebond check` finds; incomplete after an
     error.
     """
-    problems, found, parts = Problems(), Entry(), dict[str, tuple[int, int]]()
+    problems, entry, parts = Problems(), Entry(), dict[str, tuple[int, int]]()
     experiment = study = None
     try:
         source = parse(job.text, Path(job.path), job.name)
         parts = part_lines(source.root)
         if is_block(source):
-            found |= block_entry(read_block(source), job.name, opened, problems)
-            return {**found, "problems": [problem_entry(p, job.name, parts) for p in problems.found]}
+            entry |= block_entry(read_block(source), job.name, opened, problems)
+            return {**entry, "problems": [problem_entry(p, job.name, parts) for p in problems.found]}
         if "experiment" in source.root.items:
-            found["evidence"] = True
+            entry["evidence"] = True
             experiment = experiment_from_source(source)
-            found["experiment"] = experiment_entry(experiment)
+            entry["experiment"] = experiment_entry(experiment)
         elif "study" in source.root.items:
-            found["study"] = {"name": "", "summary": ""}
+            entry["study"] = {"name": "", "summary": ""}
             study = study_from_source(source)
-            found["study"] = {"name": study.name, "summary": study.summary, "cases": len(study.cases)}
+            entry["study"] = {"name": study.name, "summary": study.summary, "cases": len(study.cases)}
             checked(study)
         model = experiment.model if experiment is not None else study.model if study is not None else from_source(source)
         files = [*dependencies(model, Path(job.path)), *(files_of(experiment) if experiment is not None else [])]
-        found["files"] = [str(p) for p in dict.fromkeys(files) if p.resolve() != Path(job.path).resolve()]
+        entry["files"] = [str(p) for p in dict.fromkeys(files) if p.resolve() != Path(job.path).resolve()]
         expanded, faults = expand_as_far(model)
         network, mixed = connect_as_far(expanded)
         blocks = [name for name in opened if name in expanded.blocks]
         drawn = None
-        found |= {"svg": "", "opened": blocks, "whole": all(_is_known(i, expanded) for i in model.body.instances.values())}
+        entry |= {"svg": "", "opened": blocks, "whole": all(_is_known(i, expanded) for i in model.body.instances.values())}
         if expanded.leaves:
-            found["svg"], drawn = draw_expanded(expanded, network, open=blocks)
-            found["grid"] = grid_of(drawn)
+            entry["svg"], drawn = draw_expanded(expanded, network, open=blocks)
+            entry["grid"] = grid_of(drawn)
         unfinished = faults.found or mixed.found
         problems.found += unfinished
         assembly = None if unfinished else _checked(model, problems) if experiment is None else _driven(experiment, problems)
-        found |= contents(expanded, network, assembly, job.name, drawn)
-        found["runs"] = assembly is not None
+        entry |= contents(expanded, network, assembly, job.name, drawn)
+        entry["runs"] = assembly is not None
     except HeavebondError as error:
         problems.extend(error)
     order = sorted(problems.found, key=lambda p: (p.place.file != job.name, p.place.line, p.place.column) if p.place else
                    (True, 0, 0))
-    return {**found, "problems": [problem_entry(p, job.name, parts) for p in order]}
+    return {**entry, "problems": [problem_entry(p, job.name, parts) for p in order]}
 
 
 def block_entry(block: Block, text_name: str, opened: Sequence[str], problems: Problems) -> Entry:
     """The inside of a block, in the form of a diagram; for a component without parts its symbol."""
     problems.found += block.problems.found
     inside = block.component.composite
-    shown = [name for name in opened if name in block.expanded.blocks]
-    svg, drawn = draw_expanded(block.whole, block.network, open=shown) if inside else \
+    opened_blocks = [name for name in opened if name in block.expanded.blocks]
+    svg, drawn = draw_expanded(block.whole, block.network, open=opened_blocks) if inside else \
         (symbol_picture(block.component), None)
-    own = {"name": block.component.name, "ports": own_port_entries(block.component, block.network, block.expanded, drawn)
-           if drawn is not None else []}
-    return {**contents(block.expanded, block.network, None, text_name, drawn), "svg": svg, "opened": shown, "component": own,
+    leaf_entry = {"name": block.component.name,
+                  "ports": own_port_entries(block.component, block.network, block.expanded, drawn)
+                  if drawn is not None else []}
+    return {**contents(block.expanded, block.network, None, text_name, drawn), "svg": svg, "opened": opened_blocks,
+            "component": leaf_entry,
             "parameters": own_parameters(block.component), "settings": None, "runs": False,
             "files": [str(p) for p in block.model.library.files.values() if p.parent == block.model.path.parent
                       and p != block.model.path], "grid": grid_of(drawn) if drawn is not None else None,
@@ -196,28 +198,28 @@ class Bench:
     def run(self, job: Job, names: Sequence[str] = ()) -> tuple[Entry, Array]:
         """A run as by `heavebond run`, with the values of the sliders as `--set`."""
         result = self._result(job)
-        shown = list(result.assembly.model.show) or result.assembly.state_names
-        figures = _figures(result, list(dict.fromkeys([*shown, *names])))
-        told: Entry = {
+        output_names = list(result.assembly.model.show) or result.assembly.state_names
+        figures = _figures(result, list(dict.fromkeys([*output_names, *names])))
+        entry: Entry = {
             "outputs": figures, "verdict": {"status": result.verdict.status, "text": result.verdict.text},
             "events": len(result.events), "until": float(result.time[-1]), "points": len(result.time),
             "solver": str(result.statistics.get("solver", "")), "notes": changes_of(result)}
-        return _with_series(told, result, names)
+        return _with_series(entry, result, names)
 
     def _result(self, job: Job) -> Result:
         key, assembly = self._assembly(job)
-        which = (key, tuple(sorted(job.values.items())))
-        if which not in self._results:
+        run_key = (key, tuple(sorted(job.values.items())))
+        if run_key not in self._results:
             if job.values:
                 # assembled with the values, so that their limits and all dependent values are checked
                 assembly = assemble(read(job))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RunWarning)  # the page shows the verdict
-                self._results[which] = simulate(assembly)
+                self._results[run_key] = simulate(assembly)
             while len(self._results) > KEPT:
                 self._results.popitem(last=False)
-        self._results.move_to_end(which)
-        return self._results[which]
+        self._results.move_to_end(run_key)
+        return self._results[run_key]
 
     def prepare(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
         """Build the simulator for sliders and these signals, which may take a second (a program is compiled)."""
@@ -228,9 +230,9 @@ class Bench:
         key, assembly = self._assembly(job)
         if self._quick is None or self._quick[0] != key:
             self._quick = (key, QuickSimulator(assembly, tolerances=PREVIEWED))
-        which = (key, tuple(names))
-        if self._probe is None or self._probe[0] != which:
-            self._probe = (which, Probe(assembly, names))
+        previewer_key = (key, tuple(names))
+        if self._probe is None or self._probe[0] != previewer_key:
+            self._probe = (previewer_key, Probe(assembly, names))
         return self._quick[1], self._probe[1]
 
     def preview(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
@@ -241,9 +243,9 @@ class Bench:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             result = quick.run(dict(job.values))
-        told: Entry = {"verdict": {"status": "clean", "text": ""}, "signals": names,
-                       **_units({name: result.unit(name) for name in names})}
-        return told, np.vstack([result.time, *(probe.values(result) if names else [])])
+        entry: Entry = {"verdict": {"status": "clean", "text": ""}, "signals": names,
+                        **_units({name: result.unit(name) for name in names})}
+        return entry, np.vstack([result.time, *(probe.values(result) if names else [])])
 
     def animation(self, job: Job) -> tuple[Entry, Array]:
         """Animated quantities on the drawing of a run."""
@@ -275,7 +277,7 @@ def _with_series(told: Entry, result: Result, names: Sequence[str]) -> tuple[Ent
 def _units(units: dict[str, str]) -> Entry:
     """The units of signals, and the display units of the charts for values in base units, by the size of the values."""
     steps = {unit: readable_units(unit) for unit in units.values()}
-    return {"units": units, "readable": {unit: found for unit, found in steps.items() if found}}
+    return {"units": units, "readable": {unit: display_steps for unit, display_steps in steps.items() if display_steps}}
 
 
 def _figures(result: Result, names: Sequence[str]) -> dict[str, Entry]:

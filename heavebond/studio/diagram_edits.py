@@ -37,8 +37,8 @@ class Written:
     said: dict[str, Tree]
     def section(self, name: str) -> dict[str, Tree]:
         """The entries of a section of this file; empty if it is missing."""
-        found = self.said.get(name)
-        return found if isinstance(found, dict) else {}
+        entries = self.said.get(name)
+        return entries if isinstance(entries, dict) else {}
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,10 @@ class Diagram(Written):
     def taken(self) -> set[str]:
         """Names of parts, nodes and parameters, in a block also of its ports and variables."""
         block = self.expanded.leaves.get("")
-        own = block.component if block is not None else None
+        component = block.component if block is not None else None
         return {*self.model.body.instances, *self.model.body.wires, *self.model.parameters,
-                *((*own.ports, *own.signal_names, *own.parameters, *own.variables) if own is not None else ())}
+                *((*component.ports, *component.signal_names, *component.parameters, *component.variables)
+                  if component is not None else ())}
 
     def named(self, name: str) -> Named:
         """Meaning of a part or node name in formulas."""
@@ -86,24 +87,24 @@ class Diagram(Written):
 
 def read_text_only(text: str, job: Job) -> Written:
     """Read a text as YAML; ModelError if it is malformed."""
-    said = tree(parse(text, Path(job.path), job.name).root)
-    assert isinstance(said, dict)
-    return Written(text, said)
+    root_tree = tree(parse(text, Path(job.path), job.name).root)
+    assert isinstance(root_tree, dict)
+    return Written(text, root_tree)
 
 
 def read_diagram(text: str, job: Job) -> Diagram:
     """Read a diagram or a block that may be unfinished; ModelError for a text that cannot be read."""
     source = parse(text, Path(job.path), job.name)
-    said = tree(source.root)
+    root_tree = tree(source.root)
     if is_block(source):
         block = read_block(source)
-        assert isinstance(said, dict)
-        return Diagram(text, said, block.model, block.whole, block.network)
+        assert isinstance(root_tree, dict)
+        return Diagram(text, root_tree, block.model, block.whole, block.network)
     model = from_source(source)
     expanded, _ = expand_as_far(model)
     network, _ = connect_as_far(expanded)
-    assert isinstance(said, dict)
-    return Diagram(text, said, model, expanded, network)
+    assert isinstance(root_tree, dict)
+    return Diagram(text, root_tree, model, expanded, network)
 
 
 # -- parts -----------------------------------------------------------------------------------------------------------------
@@ -114,18 +115,18 @@ def place_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", kind.removesuffix(".fmu"))
     name = free_name(re.sub(r"\W+", "_", words).lower(), diagram.taken)
     needed = [n for n, p in component.parameters.items() if p.default is None and p.neutral is None and not p.medium]
-    shown = _example_values(component, kind)
-    given: dict[str, Tree] = {n: shown[n] for n in needed if n in shown}
+    example_values = _example_values(component, kind)
+    settings: dict[str, Tree] = {n: example_values[n] for n in needed if n in example_values}
     text, at = _at(diagram, Grid.read(action), action)
-    text = with_entry(text, "components", name, {"is": kind, **given, "at": at})
+    text = with_entry(text, "components", name, {"is": kind, **settings, "at": at})
     return {"text": text, "part": name}
 
 
 def _example_values(component: Any, kind: str) -> dict[str, Tree]:
     """Parameter values in the component's example, without formulas of other parts."""
     path = example(component)
-    found = tree(read(path, bundled=True).root) if path is not None else {}
-    parts = found.get("components", {}) if isinstance(found, dict) else {}
+    example_tree = tree(read(path, bundled=True).root) if path is not None else {}
+    parts = example_tree.get("components", {}) if isinstance(example_tree, dict) else {}
     for part in parts.values() if isinstance(parts, dict) else ():
         if isinstance(part, dict) and part.get("is") == kind:
             return {k: v for k, v in part.items() if k not in ("is", "at", "repeat") and "=" not in str(v)}
@@ -149,9 +150,9 @@ def others_stay(text: str, diagram: Diagram, job: Job, grid: Grid, moved: set[st
     moved_diagram = read_diagram(text, job)
     after = {k: cell for k, cell in cells_of(moved_diagram.expanded, moved_diagram.network).items() if k in before}
     if _order(before) != _order(after):
-        for other, cell in before.items():
-            if other in diagram.section("components") and not position(diagram, other):
-                text = set_entry(text, ("components", other, "at"), list(grid.place(*cell)))
+        for other_part, cell in before.items():
+            if other_part in diagram.section("components") and not position(diagram, other_part):
+                text = set_entry(text, ("components", other_part, "at"), list(grid.place(*cell)))
     return text
 
 
@@ -187,10 +188,11 @@ def turn_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
     """Turn a part clockwise by `turn` degrees from its present direction, if its symbol may be turned."""
     name, grid = diagram.own(str(action["part"])), Grid.read(action)
     at = position(diagram, name) or grid.place(*grid.cells[name])
-    allowed, now = facings(sheet(diagram.expanded, diagram.network, frozenset()).parts[name]), int(action["turn"])
+    allowed, present_turn = facings(sheet(diagram.expanded, diagram.network, frozenset()).parts[name]), int(action["turn"])
     if len(allowed) < 2:
         raise UsageError([Problem("part-upright", f"the symbol of '{name}' is never turned")])
-    turn = min((degrees for degrees in allowed if degrees != now), key=lambda degrees: (degrees - now) % 360)
+    turn = min((degrees for degrees in allowed if degrees != present_turn),
+               key=lambda degrees: (degrees - present_turn) % 360)
     return {"text": set_entry(diagram.text, ("components", name, "at"), [*at[:2], str(turn)]), "part": name}
 
 
@@ -267,12 +269,12 @@ def delete(diagram: Diagram, job: Job, action: Entry) -> Entry:
 
 def _removed(before: dict[str, Tree], after: dict[str, Tree]) -> list[str]:
     """Entries that were removed with parts and nodes: outputs, initial conditions, settings and shapes."""
-    found = []
-    for section, what in (("show", "output"), ("initial", "initial value"), ("set", "setting"), ("view", "shape")):
+    removed_entries = []
+    for section, word in (("show", "output"), ("initial", "initial value"), ("set", "setting"), ("view", "shape")):
         old, new = before.get(section), after.get(section)
-        left = new if isinstance(new, dict) else {}
-        found += [f"{what} {name}" for name in old if name not in left] if isinstance(old, dict) else []
-    return found
+        remaining = new if isinstance(new, dict) else {}
+        removed_entries += [f"{word} {name}" for name in old if name not in remaining] if isinstance(old, dict) else []
+    return removed_entries
 
 
 def _without_part(diagram: Diagram, name: str, job: Job) -> str:

@@ -32,10 +32,10 @@ def edited(job: Job, action: Entry) -> Entry:
         raise UsageError([unrunnable(str(written.said["component"]))])
     if name not in VALUES:
         return ACTIONS[name](read_diagram(job.text, job), job, action)
-    found = VALUES[name](written, job, action)
-    if (problems := _unread(str(found["text"]), job)) and not _unread(job.text, job):
+    answer = VALUES[name](written, job, action)
+    if (problems := _unread(str(answer["text"]), job)) and not _unread(job.text, job):
         raise UsageError(problems)
-    return found
+    return answer
 
 
 def _unread(text: str, job: Job) -> list[Problem]:

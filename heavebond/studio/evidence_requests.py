@@ -75,11 +75,11 @@ async def _jobs(tab: Tab, message: dict[str, Any]) -> Answer:
 async def _begin(tab: Tab, message: dict[str, Any]) -> Answer:
     name, kind = str(message["name"]), known(str(message["kind"]))
     document = await asyncio.to_thread(tab.folder.read, name)
-    given = message.get("given", {})
-    if not isinstance(given, dict):
-        raise TypeError(given)
-    given = {**given, "folder": str(tab.folder.root) if name.startswith(BUNDLED) else "", "root": str(tab.folder.root)}
-    return "done", {"job": tab.jobs.begin(kind, name, document.path, document.version, given).entry()}, None
+    options = message.get("given", {})
+    if not isinstance(options, dict):
+        raise TypeError(options)
+    options = {**options, "folder": str(tab.folder.root) if name.startswith(BUNDLED) else "", "root": str(tab.folder.root)}
+    return "done", {"job": tab.jobs.begin(kind, name, document.path, document.version, options).entry()}, None
 
 
 async def _end(tab: Tab, message: dict[str, Any]) -> Answer:
@@ -95,11 +95,11 @@ async def _array(tab: Tab, message: dict[str, Any]) -> Answer:
 
 async def _add(tab: Tab, message: dict[str, Any]) -> Answer:
     """Write the result as a diagram and an experiment that extend the former ones; returns the experiment's name."""
-    given = message.get("given", {})
-    if not isinstance(given, dict):
-        raise TypeError(given)
+    options = message.get("given", {})
+    if not isinstance(options, dict):
+        raise TypeError(options)
     job = tab.jobs.numbered(int(message["number"]))
-    files = await job.write(given)
+    files = await job.write(options)
     if not files:
         raise UsageError([Problem("nothing-found", "the computation has no result to write")])
     return "done", {"files": [_name(tab, Path(file)) for file in files], "open": _name(tab, Path(files[-1]))}, None

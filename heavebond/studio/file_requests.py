@@ -15,10 +15,10 @@ from heavebond.studio.workers import Answer
 
 async def _home(tab: Tab, _: dict[str, Any]) -> Answer:
     tab.document = None
-    found = await asyncio.to_thread(tab.folder.diagrams)
+    diagrams = await asyncio.to_thread(tab.folder.diagrams)
     machines = [{k: v for k, v in entry.items() if k != "path"} for entry in bundled_machines()]
-    there = await asyncio.to_thread(tab.folder.root.is_dir)
-    return "done", {"folder": str(tab.folder.root), "there": there, "diagrams": found, "machines": machines,
+    folder_exists = await asyncio.to_thread(tab.folder.root.is_dir)
+    return "done", {"folder": str(tab.folder.root), "there": folder_exists, "diagrams": diagrams, "machines": machines,
                     "first": tab.first}, None
 
 
@@ -42,14 +42,14 @@ async def _copy(tab: Tab, message: dict[str, Any]) -> Answer:
     if folder.parent != tab.folder.root.resolve():
         raise UsageError([Problem("name-bad", f"'{name}' cannot name a folder here")])
     with confined(tab.folder.root):
-        made = await asyncio.to_thread(start_folder, folder, str(message["origin"]).removeprefix(BUNDLED))
-    return "done", {"name": made.diagrams[0].relative_to(folder.parent).as_posix()}, None
+        starter = await asyncio.to_thread(start_folder, folder, str(message["origin"]).removeprefix(BUNDLED))
+    return "done", {"name": starter.diagrams[0].relative_to(folder.parent).as_posix()}, None
 
 
 async def _derive(tab: Tab, message: dict[str, Any]) -> Answer:
     values = {str(k): str(v) for k, v in message["values"].items()}
-    made = await asyncio.to_thread(tab.folder.derive, str(message["name"]), str(message["origin"]), values)
-    return "done", {"name": made}, None
+    document = await asyncio.to_thread(tab.folder.derive, str(message["name"]), str(message["origin"]), values)
+    return "done", {"name": document}, None
 
 
 async def _write(tab: Tab, message: dict[str, Any]) -> Answer:

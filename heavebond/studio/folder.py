@@ -163,12 +163,12 @@ class Folder:
     def new_name(self, name: str, beside: str = "") -> str:
         """The document `name`.yaml in the folder `beside` below the opened one; UsageError for an invalid name."""
         if not re.fullmatch(r"[A-Za-z]\w{0,60}", name, flags=re.ASCII):
-            said = f"'{name[:80]}' cannot name a file: letters, digits and _, a letter first"
-            raise UsageError([Problem("name-bad", said)])
-        found = (PurePosixPath(beside) / f"{name}.yaml").as_posix()
-        if os.path.lexists(self.path(found)):
-            raise UsageError([Problem("file-exists", f"{found} exists already", None, "Give another name.")])
-        return found
+            message = f"'{name[:80]}' cannot name a file: letters, digits and _, a letter first"
+            raise UsageError([Problem("name-bad", message)])
+        document = (PurePosixPath(beside) / f"{name}.yaml").as_posix()
+        if os.path.lexists(self.path(document)):
+            raise UsageError([Problem("file-exists", f"{document} exists already", None, "Give another name.")])
+        return document
 
     def read(self, name: str) -> Document:
         """Read a document; ModelError if it cannot be read."""
@@ -220,8 +220,8 @@ class Folder:
         except FileExistsError:
             raise UsageError([Problem("file-exists", f"{document} exists already", None, "Give another name.")]) from None
         except OSError as error:
-            said = f"{document} cannot be created: {error.strerror or error}"
-            raise UsageError([Problem("file-unwritable", said)]) from None
+            message = f"{document} cannot be created: {error.strerror or error}"
+            raise UsageError([Problem("file-unwritable", message)]) from None
 
     def derive(self, name: str, origin: str, values: Mapping[str, str]) -> str:
         """Create a diagram that extends `origin` and sets some of its parameters; returns the name of its document."""
@@ -237,18 +237,18 @@ class Folder:
     def diagrams(self) -> list[dict[str, str]]:
         """The files of the language below the folder, by name, with their `kind` and `summary`; links out of the folder
         and hidden folders are excluded."""
-        found, root = [], self.root.resolve()
+        entries, root = [], self.root.resolve()
         for folder, folders, files in os.walk(root):
-            here = Path(folder)
-            deep = len(here.relative_to(root).parts)
+            current_folder = Path(folder)
+            deep = len(current_folder.relative_to(root).parts)
             folders[:] = sorted(d for d in folders if not d.startswith((".", "__")) and deep + 1 < DEPTH)
             for name in sorted(files):
-                relative = (here / name).relative_to(root).as_posix()
-                if name.endswith((".yaml", ".yml")) and not name.startswith(".") and (said := self._head(relative)):
-                    found.append({"name": relative, **said})
-                if len(found) >= LISTED:
-                    return found
-        return found
+                relative = (current_folder / name).relative_to(root).as_posix()
+                if name.endswith((".yaml", ".yml")) and not name.startswith(".") and (head := self._head(relative)):
+                    entries.append({"name": relative, **head})
+                if len(entries) >= LISTED:
+                    return entries
+        return entries
 
     def _head(self, name: str) -> dict[str, str]:
         """The `kind` (`model`, `experiment`, `study` or `component`) and the `summary` of a file, read from its beginning
@@ -259,8 +259,8 @@ class Folder:
         except (OSError, HeavebondError):
             return {}
         kind = next((kind for kind in KINDS if re.search(rf"^{kind}\s*:", head, re.MULTILINE)), "")
-        said = SUMMARY.search(head)
-        return {"kind": kind, "summary": " ".join(said.group(1).split()).strip("'\"") if said else ""} if kind else {}
+        summary = SUMMARY.search(head)
+        return {"kind": kind, "summary": " ".join(summary.group(1).split()).strip("'\"") if summary else ""} if kind else {}
 
 
 def _plain_or_quoted(value: str) -> str:
@@ -320,7 +320,7 @@ def _complete(path: Path) -> bool:
 def bundled_machines() -> tuple[dict[str, Any], ...]:
     """The bundled diagrams with their summaries, by machine, the main diagram first; and the number of studies of each
     machine."""
-    root, found = bundled("models"), []
+    root, machines = bundled("models"), []
     for folder in sorted(p for p in root.iterdir() if p.is_dir() and p.name != "examples"):
         main = folder / f"{folder.name}.yaml"
         texts = (path.read_text(encoding="utf-8") for path in folder.rglob("*.yaml"))
@@ -330,8 +330,8 @@ def bundled_machines() -> tuple[dict[str, Any], ...]:
             kind = next(iter(items))
             if kind not in ("model", "experiment") or (kind == "experiment" and not _complete(path)):
                 continue
-            said = items.get("summary") or items.get("experiment")
+            title = items.get("summary") or items.get("experiment")
             name = folder.name if path == main else f"{folder.name}/{path.stem}"
-            found.append({"name": BUNDLED + name, "path": str(path), "machine": folder.name, "kind": kind,
-                          "studies": studies, "summary": said.text if isinstance(said, Scalar) else ""})
-    return tuple(found)
+            machines.append({"name": BUNDLED + name, "path": str(path), "machine": folder.name, "kind": kind,
+                             "studies": studies, "summary": title.text if isinstance(title, Scalar) else ""})
+    return tuple(machines)

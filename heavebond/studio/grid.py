@@ -28,16 +28,16 @@ class Grid:
     @staticmethod
     def read(action: Mapping[str, Any]) -> Grid:
         """Read the grid that the page sends back; ValueError if it is malformed."""
-        told = action.get("grid") or {}
-        numbers = [tuple(map(float, told.get(key, ()))) for key in ("columns", "rows")]
-        if not all(isfinite(value) for found in numbers for value in found):
-            raise ValueError(told)
-        return Grid(numbers[0], numbers[1], {str(k): (float(v[0]), float(v[1])) for k, v in told.get("cells", {}).items()})
+        grid = action.get("grid") or {}
+        numbers = [tuple(map(float, grid.get(key, ()))) for key in ("columns", "rows")]
+        if not all(isfinite(value) for group in numbers for value in group):
+            raise ValueError(grid)
+        return Grid(numbers[0], numbers[1], {str(k): (float(v[0]), float(v[1])) for k, v in grid.get("cells", {}).items()})
 
     def place(self, column: float, row: float) -> list[str]:
         """The text of `at:` for a cell, `k + 0.5` between two columns or rows; empty if no number is left there."""
-        found = [_between(self.columns, column), _between(self.rows, row)]
-        return [f"{value:g}" for value in found if value is not None] if None not in found else []
+        numbers_at = [_between(self.columns, column), _between(self.rows, row)]
+        return [f"{value:g}" for value in numbers_at if value is not None] if None not in numbers_at else []
 
 
 def _between(values: Sequence[float], k: float) -> float | None:
@@ -55,9 +55,9 @@ def _between(values: Sequence[float], k: float) -> float | None:
         return low
     middle = (low + high) / 2
     for step in STEPS:
-        found = step * floor(middle / step + 0.5)
-        if low < found < high:
-            return found
+        rounded = step * floor(middle / step + 0.5)
+        if low < rounded < high:
+            return rounded
     return None
 
 
@@ -69,11 +69,11 @@ def renumbered(k: float, inserted: float) -> str:
 def grid_of(drawn: Drawn) -> dict[str, Any]:
     """The grid of a drawing for the page, with the centres of columns and rows in px."""
     cells = {item.part.name: item.cell for item in drawn.items}
-    given = {item.part.name: item.part.at for item in drawn.items if item.part.at is not None}
+    given_places = {item.part.name: item.part.at for item in drawn.items if item.part.at is not None}
     numbers = []
     for k, count in enumerate((len(drawn.xs), len(drawn.ys))):
         known: dict[int, float] = {}
-        for name, at in given.items():
+        for name, at in given_places.items():
             known.setdefault(cells[name][k], at[k])
         numbers.append(_filled(known, count))
     return {"xs": list(drawn.xs), "ys": list(drawn.ys), "columns": numbers[0], "rows": numbers[1],
@@ -85,17 +85,17 @@ def _filled(known: Mapping[int, float], count: int) -> list[float]:
     if not known:
         return [float(k) for k in range(count)]
     order = sorted(known)
-    found = []
+    numbers = []
     for k in range(count):
         before, after = max((j for j in order if j <= k), default=None), min((j for j in order if j >= k), default=None)
         if before is None or after is None:
             end = order[0] if before is None else order[-1]
-            found.append(known[end] + (k - end))
+            numbers.append(known[end] + (k - end))
         elif before == after:
-            found.append(known[before])
+            numbers.append(known[before])
         else:
-            found.append(known[before] + (known[after] - known[before]) * (k - before) / (after - before))
-    return found
+            numbers.append(known[before] + (known[after] - known[before]) * (k - before) / (after - before))
+    return numbers
 
 
 def cells_of(expanded: Expanded, network: Network) -> dict[str, Cell]:

@@ -21,11 +21,11 @@ def move_parts(diagram: Diagram, job: Job, action: Entry) -> Entry:
         raise UsageError([Problem("edit-refused", "there is no room between these columns or rows", None,
                                   "Move the parts beyond them, or one by one.")])
     dx, dy = float(to[0]) - places[lead][0], float(to[1]) - places[lead][1]
-    others = {place: name for name, place in _places(grid, [n for n in grid.cells if n not in names]).items()}
+    occupied = {place: name for name, place in _places(grid, [n for n in grid.cells if n not in names]).items()}
     text = diagram.text
     for name, (x, y) in places.items():
-        if (there := others.get((x + dx, y + dy))) is not None:
-            raise UsageError([Problem("place-taken", f"'{name}' would cover '{there}'")])
+        if (occupant := occupied.get((x + dx, y + dy))) is not None:
+            raise UsageError([Problem("place-taken", f"'{name}' would cover '{occupant}'")])
         text = set_entry(text, ("components", name, "at"), [f"{x + dx:g}", f"{y + dy:g}", *position(diagram, name)[2:]])
     return {"text": others_stay(text, diagram, job, grid, set(names)), "part": lead, "parts": names}
 
@@ -38,13 +38,13 @@ def _places(grid: Grid, names: Sequence[str]) -> dict[str, tuple[float, float]]:
 def copy_parts(diagram: Diagram, job: Job, action: Entry) -> Entry:
     """Copy parts below all others, with the wires between them; formulas in a copy refer to the copies."""
     grid, names = Grid.read(action), [diagram.own(str(name)) for name in action["parts"]]
-    parts, places, taken = diagram.section("components"), _places(grid, names), set(diagram.taken)
+    parts, places, taken_names = diagram.section("components"), _places(grid, names), set(diagram.taken)
     if plain := [name for name in names if not isinstance(parts[name], dict)]:
         raise UsageError([Problem("edit-refused", f"{listing(plain)} cannot be copied")])
     fresh: dict[str, str] = {}
     for name in names:
-        fresh[name] = free_name(re.sub(r"[0-9]+$", "", name) or name, taken)
-        taken.add(fresh[name])
+        fresh[name] = free_name(re.sub(r"[0-9]+$", "", name) or name, taken_names)
+        taken_names.add(fresh[name])
     below = max(grid.rows) + 1 - min(y for _, y in places.values())
     text, last = diagram.text, names[-1]
     for name, (x, y) in places.items():
@@ -55,8 +55,8 @@ def copy_parts(diagram: Diagram, job: Job, action: Entry) -> Entry:
     for node, ends in diagram.section("nodes").items():
         joined = [str(end) for end in ends if str(end).partition(".")[0] in fresh] if isinstance(ends, list) else []
         if len(joined) > 1:
-            new = fresh.get(node) or free_name(re.sub(r"[0-9]+$", "", node) or node, taken)
-            taken.add(new)
+            new = fresh.get(node) or free_name(re.sub(r"[0-9]+$", "", node) or node, taken_names)
+            taken_names.add(new)
             copied: list[Tree] = [f"{fresh[end.partition('.')[0]]}.{end.partition('.')[2]}" for end in joined]
             text = set_entry(text, ("nodes", new), copied)
     return {"text": text, "part": fresh[str(action["part"])], "parts": list(fresh.values())}

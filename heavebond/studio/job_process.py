@@ -40,16 +40,16 @@ class JobProcess:
         """Handle requests of the server in a separate thread: a stop at once, others in sequence."""
         while True:
             try:
-                what, given = self.pipe.recv()
+                request, arguments = self.pipe.recv()
             except (EOFError, OSError):
-                what, given, self.lost = LOST, None, True
-            if what == QUIT:
+                request, arguments, self.lost = LOST, None, True
+            if request == QUIT:
                 os._exit(0)  # the user has ended the studio
-            if what in (STOP, LOST) and self.busy:
+            if request in (STOP, LOST) and self.busy:
                 _thread.interrupt_main()
-            if what != STOP:
-                self.asked.put((what, given))
-            if what == LOST:
+            if request != STOP:
+                self.asked.put((request, arguments))
+            if request == LOST:
                 return
 
     def tell(self, kind: str, *told: Any) -> None:
@@ -61,9 +61,9 @@ class JobProcess:
     def progress(self, text: str) -> None:
         """The progress callback of the computation."""
         check()
-        now = time.monotonic()
-        if now - self._last >= EVERY:
-            self._last = now
+        time_now = time.monotonic()
+        if time_now - self._last >= EVERY:
+            self._last = time_now
             self.tell("progress", text)
 
     def serve(self, kind: str, path: str, given: Mapping[str, Any]) -> None:
@@ -75,9 +75,9 @@ class JobProcess:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                told, arrays, write = TASKS[kind](Path(path), given, self)
+                entry, arrays, write = TASKS[kind](Path(path), given, self)
             self.busy = False
-            self.tell("done", told, arrays)
+            self.tell("done", entry, arrays)
         except KeyboardInterrupt:
             self.tell("stopped")
         except Exception as error:
@@ -89,10 +89,10 @@ class JobProcess:
     def _wait(self, write: Writing | None) -> None:
         while write is not None:
             try:
-                what, given = self.asked.get()
-                if what == WRITE:
-                    self.tell("written", [str(p) for p in write(given)])
-                elif what == LOST:
+                request, arguments = self.asked.get()
+                if request == WRITE:
+                    self.tell("written", [str(p) for p in write(arguments)])
+                elif request == LOST:
                     write({"lost": True})
                     return
             except Exception as error:

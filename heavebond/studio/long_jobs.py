@@ -57,11 +57,11 @@ class LongJob:
         """Its state, for the page."""
         counts = list(COUNTED.finditer(self.text))
         best = BEST.search(self.text)
-        done, of = (int(counts[-1].group(1)), int(counts[-1].group(2))) if counts else (0, 0)
+        steps_done, of = (int(counts[-1].group(1)), int(counts[-1].group(2))) if counts else (0, 0)
         seconds = self.seconds or time.monotonic() - self.began
         problems = [{**p.as_dict(), "text": str(p)} for p in self.problems]
         return {"number": self.number, "kind": self.kind, "name": self.name, "version": self.version, "state": self.state,
-                "text": BEST.sub("", self.text), "stopping": self.stopping, "seconds": seconds, "done": done, "of": of,
+                "text": BEST.sub("", self.text), "stopping": self.stopping, "seconds": seconds, "done": steps_done, "of": of,
                 "best": {"name": best.group(1), "chi2": best.group(2)} if best else None, "ladder": self.ladder,
                 "result": self.told or None, "problems": problems,
                 "can_write": self._process.is_alive() and self.state == "done"}
@@ -110,23 +110,23 @@ class LongJob:
 
     def _hear(self, message: tuple[Any, ...]) -> None:
         """Handle a message of the process, on the server's thread."""
-        kind, *told = message
+        kind, *content = message
         if kind == "progress" and self.state == "running":
-            self.text = told[0].replace(FINISHING, "completing the result; a second Stop discards it")
+            self.text = content[0].replace(FINISHING, "completing the result; a second Stop discards it")
         elif kind == "ladder":
-            self.ladder = _plain(told[0])
+            self.ladder = _plain(content[0])
         elif kind == "done":
-            result: dict[str, Any] = _plain(told[0])
-            self.told, self.arrays = result, told[1]
+            result: dict[str, Any] = _plain(content[0])
+            self.told, self.arrays = result, content[1]
             self.ladder = result.get("ladder") or self.ladder
             self._end("done")
         elif kind == "problems":
-            self.problems = told[0]
+            self.problems = content[0]
             self._end("failed")
         elif kind == "stopped":
             self._end("stopped")
         elif kind in ("written", "unwritten", "gone"):
-            self._written(kind, told)
+            self._written(kind, content)
         self.push(self)
 
     def _written(self, kind: str, told: list[Any]) -> None:
@@ -187,8 +187,8 @@ class LongJobs:
                                       "Stop one of them, or wait until it is done.")])
         if (before := self.jobs.pop((name, kind), None)) is not None:
             before.close()
-        done = [key for key, job in self.jobs.items() if job.state != "running"]
-        for key in done[:max(0, len(done) - KEPT + 1)]:
+        finished = [key for key, job in self.jobs.items() if job.state != "running"]
+        for key in finished[:max(0, len(finished) - KEPT + 1)]:
             self.jobs.pop(key).close()
         self.jobs[name, kind] = job = LongJob(kind, name, path, version, given, self._push)
         return job

@@ -88,18 +88,20 @@ def _free_path(path: Path, *others: Path) -> Path:
 # -- localize ------------------------------------------------------------------------------------------------------------
 def localized(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
     """As `heavebond localize`, with the estimated input at each place of the diagram."""
-    found = localize(load_experiment(path), progress=job.progress)
+    localization = localize(load_experiment(path), progress=job.progress)
     arrays: Arrays = {}
-    places = [_place(k, suspect, arrays) for k, suspect in enumerate(found.suspects)]
-    return _result("where", places_items(found), found.as_dict(), False, places=places, states=_states(found, arrays),
-                   sections=[{"record": s.record, "from": s.begin, "to": s.end, "chi2": s.chi2} for s in found.stretches]), \
+    places = [_place(k, suspect, arrays) for k, suspect in enumerate(localization.suspects)]
+    return _result("where", places_items(localization), localization.as_dict(), False, places=places,
+                   states=_states(localization, arrays),
+                   sections=[{"record": s.record, "from": s.begin, "to": s.end, "chi2": s.chi2}
+                             for s in localization.stretches]), \
         arrays, None
 
 
 def _place(k: int, suspect: PlaceEstimate, arrays: Arrays) -> Entry:
     """A place with the names of its arrays: over time for each record, and over the variables around it."""
-    shown = readable_unit(suspect.place.unit.text, suspect.rms)
-    scale = read_unit(suspect.place.unit.text).scale / read_unit(shown).scale
+    display_unit = readable_unit(suspect.place.unit.text, suspect.rms)
+    scale = read_unit(suspect.place.unit.text).scale / read_unit(display_unit).scale
     for name, implied in suspect.implied.items():
         arrays[f"place/{k}/{name}"] = np.vstack([implied.time, implied.value * scale, 2 * implied.deviation * scale])
     curve, over = suspect.curve, []
@@ -107,7 +109,7 @@ def _place(k: int, suspect: PlaceEstimate, arrays: Arrays) -> Entry:
         best = curve.variable.formula
         for n, formula in enumerate([best, *(f for f in curve.scores if f != best)][:4]):
             over.append(_over(f"place/{k}/over/{n}", suspect, formula, scale, arrays))
-    return {"name": suspect.place.name, "words": suspect.words, "what": noun(suspect), "unit": shown,
+    return {"name": suspect.place.name, "words": suspect.words, "what": noun(suspect), "unit": display_unit,
             "nodes": [n.name for n in suspect.place.nodes], "components": list(suspect.place.components),
             "explained": suspect.explained, "behind": suspect.behind, "alike": list(suspect.alike),
             "records": list(suspect.implied), "over": over}
@@ -136,10 +138,10 @@ def _states(found: Localization, arrays: Arrays) -> list[Entry]:
     """The variables on which the error of a channel depends, with the curve of the error over each."""
     told = []
     for k, state in enumerate(found.states):
-        shown = readable_unit(state.unit, float(np.max(np.abs(state.x)))) if state.unit else ""
-        per = read_unit(state.unit).scale / read_unit(shown).scale if state.unit else 1.0
+        display_unit = readable_unit(state.unit, float(np.max(np.abs(state.x)))) if state.unit else ""
+        per = read_unit(state.unit).scale / read_unit(display_unit).scale if state.unit else 1.0
         arrays[f"state/{k}"] = np.vstack([state.x * per, state.y])
-        told.append({"key": f"state/{k}", "channel": state.channel, "variable": state.variable, "unit": shown,
+        told.append({"key": f"state/{k}", "channel": state.channel, "variable": state.variable, "unit": display_unit,
                      "r2": state.r2, "of": found.experiment.outputs[state.channel].shown.unit})
     return told
 
@@ -153,11 +155,11 @@ def diagnosed(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
                      growing=lambda rungs: job.tell("ladder", rungs))
     adds = [{"label": f"{f.candidate.kind} {f.candidate.place}", "count": k} for k, f in enumerate(found.added, 1)]
     chosen = {f.candidate.label for f in found.added}
-    others = [{"label": f"{e['effect']} {e.candidate.place}", "kind": e.candidate.kind, "component": e["effect"],
-               "where": list(e.candidate.where), "chi2": e["chi2_held_out"]}
-              for step in found.steps[:1] for e in entries(step)
-              if e.trial is not None and e.candidate.label not in chosen][:ALTERNATIVES]
-    return _result("diagnose", diagnosis_items(found), found.as_dict(), found.partial, adds=adds, others=others,
+    alternatives = [{"label": f"{e['effect']} {e.candidate.place}", "kind": e.candidate.kind, "component": e["effect"],
+                     "where": list(e.candidate.where), "chi2": e["chi2_held_out"]}
+                    for step in found.steps[:1] for e in entries(step)
+                    if e.trial is not None and e.candidate.label not in chosen][:ALTERNATIVES]
+    return _result("diagnose", diagnosis_items(found), found.as_dict(), found.partial, adds=adds, others=alternatives,
                    ladder=[rung_entry(r.as_dict()) for r in found.ladder], verdict=found.verdict), {}, \
         lambda asked: [_write_report(found, _folder(path, given))] if asked.get("report") else \
         _write_added(experiment, found.added[:int(asked.get("count", len(found.added)))], _folder(path, given))

@@ -73,18 +73,18 @@ def renamed_mentions(text: str, named: Named, new: str, *, node: bool) -> str:
 def deleted_mentions(text: str, named: Named, *, node: bool) -> str:
     """Remove outputs, initial conditions, settings and shapes that mention the part, or the `node`. Formulas of other
     parts stay, and `check` reports them."""
-    said = tree(parse(text).root)
-    assert isinstance(said, dict)
+    root_tree = tree(parse(text).root)
+    assert isinstance(root_tree, dict)
     pattern = named.pattern()
 
     def mentions(value: Tree, *, setting: bool = False) -> bool:
         if isinstance(value, str):
-            return any(setting or named.means(value, found, node=node) for found in pattern.finditer(value))
+            return any(setting or named.means(value, mention, node=node) for mention in pattern.finditer(value))
         inner = value.values() if isinstance(value, dict) else value
         return any(mentions(item) for item in inner)
 
     for section in ("set", "initial", "show", "view"):
-        entries = said.get(section)
+        entries = root_tree.get(section)
         for name, value in reversed(entries.items()) if isinstance(entries, dict) else ():
             keyed = section != "view" and mentions(name, setting=section == "set") and not (section == "set" and node)
             if keyed or (section in ("show", "view") and mentions(value)):

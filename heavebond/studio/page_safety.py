@@ -65,13 +65,13 @@ class Guard:
         try:
             await self.app(scope, receive, noted)
         except Exception as error:
-            gone = isinstance(error, ClientDisconnect)
-            if not gone:
+            disconnected = isinstance(error, ClientDisconnect)
+            if not disconnected:
                 print(f"the studio could not answer a request: {type(error).__name__}: {error}", file=sys.stderr)
             with contextlib.suppress(Exception):  # the page may have closed meanwhile
                 if socket:
                     await send({"type": "websocket.close", "code": 1011})
-                elif not begun and not gone:
+                elif not begun and not disconnected:
                     await _plain(send, 500, FAILED)
 
     def _admits(self, scope: Scope) -> bool:

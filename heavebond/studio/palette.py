@@ -27,10 +27,10 @@ def palette(folder: Path) -> Entry:
         inside = path.is_relative_to(root)
         group = path.relative_to(root).parts[0].replace("_", " ") if inside else OWN
         try:
-            found = _of_library(name) if inside else _brief(known.component(name))
+            entry = _of_library(name) if inside else _brief(known.component(name))
         except HeavebondError:
             continue  # a file that is being written; `check` reports it if it is used
-        groups.setdefault(group, []).append(found)
+        groups.setdefault(group, []).append(entry)
     order = sorted(groups, key=lambda group: (group != OWN, group == "bond graph", group))
     return {"groups": [{"name": group, "components": sorted(groups[group], key=lambda c: str(c["name"]).lower())}
                        for group in order]}

@@ -62,8 +62,8 @@ async def store(folder: Folder, beside: str, name: str, parts: AsyncIterator[byt
     except _Known as known:
         path = known.path
     except OSError as error:
-        said = f"'{target.name}' cannot be stored: {error.strerror or error}"
-        raise UsageError([Problem("file-unwritable", said)]) from None
+        message = f"'{target.name}' cannot be stored: {error.strerror or error}"
+        raise UsageError([Problem("file-unwritable", message)]) from None
     return path.relative_to(folder.root.resolve()).as_posix()
 
 
@@ -77,8 +77,8 @@ class _Known(Exception):
 
 def _before(target: Path, path: Path) -> list[Path]:
     """The files with the name of `target` and a smaller number than `path`."""
-    found = [target, *(target.with_stem(f"{target.stem}_{k}") for k in range(2, 1000))]
-    return found[:found.index(path)]
+    candidates = [target, *(target.with_stem(f"{target.stem}_{k}") for k in range(2, 1000))]
+    return candidates[:candidates.index(path)]
 
 
 def _digest(folder: Folder, path: Path) -> bytes:

@@ -42,9 +42,9 @@ async def _component(tab: Tab, message: dict[str, Any]) -> Answer:
 
 async def _run(tab: Tab, message: dict[str, Any]) -> Answer:
     job, task = tab.job(message), str(message["do"])
-    given = () if task in ("animation", "modes", "film") else ([str(name) for name in message.get("names", ())],)
+    arguments = () if task in ("animation", "modes", "film") else ([str(name) for name in message.get("names", ())],)
     ask = tab.runner.ask_newest if task in ("run", "preview") else tab.runner.ask
-    return await ask(task, job, *given)
+    return await ask(task, job, *arguments)
 
 
 async def _stop(tab: Tab, _: dict[str, Any]) -> Answer:

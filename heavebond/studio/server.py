@@ -81,12 +81,12 @@ class Studio:
         try:
             name = await store(self.folder, request.query_params.get("beside", ""), request.query_params.get("name", ""),
                                request.stream())
-            told: dict[str, object] = {"file": name}
+            answer: dict[str, object] = {"file": name}
         except ClientDisconnect:
             raise
         except Exception as error:
-            told = {"problems": [{**p.as_dict(), "text": str(p)} for p in reasons(error)]}
-        return Response(json.dumps(told), 200, self._headers(""), "application/json")
+            answer = {"problems": [{**p.as_dict(), "text": str(p)} for p in reasons(error)]}
+        return Response(json.dumps(answer), 200, self._headers(""), "application/json")
 
     async def _report(self, request: Request) -> Response:
         """A report in the opened folder, isolated in its origin: its script reaches neither the studio nor the network."""
@@ -123,29 +123,29 @@ class Studio:
 
 def _page_files() -> dict[str, bytes]:
     """The files of the page by their names, read once; no other files are served."""
-    found, folders = {}, [("", resources.files("heavebond").joinpath("studio", "page"))]
+    contents, folders = {}, [("", resources.files("heavebond").joinpath("studio", "page"))]
     for prefix, folder in folders:
         for entry in folder.iterdir():
             if entry.is_dir():
                 folders.append((f"{prefix}{entry.name}/", entry))
             elif Path(entry.name).suffix in KINDS:
-                found[prefix + entry.name] = entry.read_bytes()
-    return found
+                contents[prefix + entry.name] = entry.read_bytes()
+    return contents
 
 
 def bind(port: int | None) -> socket.socket:
     """A socket on 127.0.0.1: at `port`, else at the first of the usual ones that is free; UsageError if there is none."""
     ports = [port] if port is not None else [*range(PORT, PORT + PORTS), 0]
     for number in ports:
-        found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            found.bind(("127.0.0.1", number))
-            return found
+            listener.bind(("127.0.0.1", number))
+            return listener
         except OSError as error:
-            found.close()
-            said = error.strerror or str(error)
-    raise UsageError([Problem("port-taken", f"port {port} of this machine cannot be opened: {said.lower()}", None,
+            listener.close()
+            reason = error.strerror or str(error)
+    raise UsageError([Problem("port-taken", f"port {port} of this machine cannot be opened: {reason.lower()}", None,
                               "Give another one, or leave --port out.")])
 
 

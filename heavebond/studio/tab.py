@@ -85,10 +85,10 @@ class Tab:
     async def _handle(self, message: dict[str, Any]) -> None:
         number = message.get("id") if isinstance(message.get("id"), (int, str)) else None
         try:
-            kind, told, values = await self.handlers[str(message.get("do"))](self, message)
+            kind, answer, values = await self.handlers[str(message.get("do"))](self, message)
             if kind == "problems":
-                told = {"problems": [_problem(p) for p in told]}
-            await self.send({"id": number, "kind": kind, **told}, values)
+                answer = {"problems": [_problem(p) for p in answer]}
+            await self.send({"id": number, "kind": kind, **answer}, values)
         except Exception as error:  # the page would wait for ever for a request without an answer
             problems = [_problem(p) for p in ([UNKNOWN] if isinstance(error, MALFORMED) else reasons(error))]
             await self.send({"id": number, "kind": "problems", "problems": problems})
@@ -115,10 +115,10 @@ class Tab:
             document = self.document
             if document is None:
                 continue
-            if (now := await asyncio.to_thread(_again, self.folder, document)) is not None \
+            if (changed := await asyncio.to_thread(_again, self.folder, document)) is not None \
                     and self.document is document:
-                self.document = now
-                await self.send({"push": "disk", **document_entry(now)})
+                self.document = changed
+                await self.send({"push": "disk", **document_entry(changed)})
             elif await asyncio.to_thread(_missing, self.folder, document) and document.version != GONE:
                 await asyncio.sleep(WATCH)  # some programs remove a file before they write it again
                 if await asyncio.to_thread(_missing, self.folder, document) and self.document is document:
@@ -146,10 +146,10 @@ def document_entry(document: Document) -> dict[str, Any]:
 def _again(folder: Folder, document: Document) -> Document | None:
     """The document as it is on disk, if it has changed and can be read."""
     try:
-        now = folder.read(document.name)
+        current = folder.read(document.name)
     except (HeavebondError, OSError):
         return None  # deleted or being written; the text of the page can be saved again
-    return now if now.version != document.version else None
+    return current if current.version != document.version else None
 
 
 def _missing(folder: Folder, document: Document) -> bool:
@@ -162,13 +162,13 @@ def _missing(folder: Folder, document: Document) -> bool:
 
 def times(files: list[str]) -> dict[str, float]:
     """Times of the last change of files; 0 for a missing one."""
-    found = {}
+    times_of = {}
     for file in files:
         try:
-            found[file] = Path(file).stat().st_mtime
+            times_of[file] = Path(file).stat().st_mtime
         except OSError:
-            found[file] = 0.0
-    return found
+            times_of[file] = 0.0
+    return times_of
 
 
 def _problem(problem: Problem) -> dict[str, Any]:

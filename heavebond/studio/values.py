@@ -36,8 +36,8 @@ def with_records(text: str, files: Sequence[str]) -> tuple[str, list[str]]:
 def place_of(root: Mapping, path: str) -> tuple[str, ...]:
     """The keys under which a parameter is set: in `set:` if it is there already, else at the diagram's parameter (for a
     component: its default) or at the part, else under `set:`, which also overrides a diagram that is extended."""
-    given = root.items.get("set")
-    if isinstance(given, Mapping) and path in given.items:
+    settings = root.items.get("set")
+    if isinstance(settings, Mapping) and path in settings.items:
         return "set", path
     owner, _, name = path.rpartition(".")
     if not owner:

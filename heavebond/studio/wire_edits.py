@@ -35,10 +35,10 @@ def node_name(diagram: Diagram, ports: tuple[str, str]) -> str:
     parts = list(dict.fromkeys(port.partition(".")[0] for port in ports))
     domain = diagram.model.library.domains.get(next(filter(None, (_port_facts(diagram, port)[0] for port in ports)), ""))
     if domain is not None:
-        own = {*domain.members}
+        members = {*domain.members}
         for part in parts:
             single = part in diagram.expanded.leaves and len(diagram.expanded.leaves[part].component.ports) == 1
-            if single and part not in diagram.model.body.wires and not own & diagram.named(part).members:
+            if single and part not in diagram.model.body.wires and not members & diagram.named(part).members:
                 return part
     named = next((port for port in ports if _port_facts(diagram, port)[1]), ports[0])
     return free_name(re.sub(r"\W+", "_", named).strip("_"), diagram.taken)
@@ -101,12 +101,12 @@ def why_not(diagram: Diagram, one: str, two: str) -> str:
 
 def _outputs_on_nodes(diagram: Diagram, one: str, two: str) -> str:
     """Reason about a second output on a node that has one."""
-    found = []
+    outputs = []
     for port in (one, two):
         wire = diagram.model.body.wires.get(diagram.node_of(port))
         on = [end.path for end in wire.ends] if wire else [port]
-        found += [p for p in dict.fromkeys([*on, port]) if _port_facts(diagram, p)[1]]
-    return f"the signal would have two outputs, {listing(found)}; add them with a Sum" if len(found) > 1 else ""
+        outputs += [p for p in dict.fromkeys([*on, port]) if _port_facts(diagram, p)[1]]
+    return f"the signal would have two outputs, {listing(outputs)}; add them with a Sum" if len(outputs) > 1 else ""
 
 
 def _value_text(value: Any) -> str:
@@ -127,5 +127,5 @@ def _port_facts(diagram: Diagram, path: str) -> tuple[str, bool]:
         raise UsageError([Problem("port-unknown", f"there is no port '{path[:100]}'")])
     if (signal := leaf.component.signal(base)) is not None:
         return SIGNAL, signal.direction == ("out" if part else "in")
-    found = leaf.component.ports[base].domain
-    return ("" if found.startswith("$") else found) or diagram.network.domains.get(part, {}).get(base, ""), False
+    domain = leaf.component.ports[base].domain
+    return ("" if domain.startswith("$") else domain) or diagram.network.domains.get(part, {}).get(base, ""), False

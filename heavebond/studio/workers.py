@@ -54,7 +54,7 @@ class Pool:
         """Wait until `worker` may have a process."""
         async with self._idle:
             while worker not in self.workers and len(self.workers) >= self.most:
-                idle = next((other for other in self.workers if not other.busy), None)
+                idle = next((worker_found for worker_found in self.workers if not worker_found.busy), None)
                 if idle is None:
                     await self._idle.wait()
                 else:
@@ -197,13 +197,13 @@ def work(pipe: Connection) -> None:
     known = tasks()
     while True:
         try:
-            task, given = pipe.recv()
+            task, arguments = pipe.recv()
         except (EOFError, OSError):
             return
         answer: Answer
         try:
-            told, values = known[task](*given)
-            answer = ("done", told, values)
+            entry, values = known[task](*arguments)
+            answer = ("done", entry, values)
         except Exception as error:
             # the integrator of searches gives no reason
             failed = task in ("preview", "prepare") and isinstance(error, RuntimeError)
