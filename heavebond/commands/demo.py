@@ -114,9 +114,9 @@ def _run(name: str) -> Result:
 def evaluated(result: Result, sea: Sea) -> dict[str, float]:
     """The figures of a run in a sea."""
     values = result.signals(SIGNALS)
-    rest = {name: float(course[0]) for name, course in values.items()}
+    rest_values = {name: float(course[0]) for name, course in values.items()}
     late = result.time >= _from(sea.evaluated, result)
-    return {f.name: f.of({name: course[late] for name, course in values.items()}, rest) for f in FIGURES}
+    return {f.name: f.of({name: course[late] for name, course in values.items()}, rest_values) for f in FIGURES}
 
 
 def _from(when: Callable[[float, dict[str, float]], float], result: Result) -> float:

@@ -57,28 +57,29 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
         kept_lines = KeptLines.begin(Path(f"{loaded.path.stem}_starts.jsonl"), resume) if starts > 1 else None
         if resume and (kept_lines is None or not kept_lines.known):
             terminal.warn("no completed start is stored: the fit begins anew")
-        found = fitted(loaded, starts=starts, segments=segments, robust=robust, executor=cluster, kept=kept_lines,
-                       progress=progress, partial=True)
-        early = found.message == ENDED_EARLY
-        profiles = {} if early else {name: profile(found, name, progress=progress) for name in profiled}
-    terminal.show(fit_items(found))
+        fit_result = fitted(loaded, starts=starts, segments=segments, robust=robust, executor=cluster, kept=kept_lines,
+                            progress=progress, partial=True)
+        early = fit_result.message == ENDED_EARLY
+        profiles = {} if early else {name: profile(fit_result, name, progress=progress) for name in profiled}
+    terminal.show(fit_items(fit_result))
     console = terminal.output()
-    profiled_parameters = {name: replace(next(p for p in found.parameters if p.name == name), interval=ends, at_bound="")
+    profiled_parameters = {name: replace(next(p for p in fit_result.parameters if p.name == name), interval=ends,
+                                         at_bound="")
                            for name, ends in profiles.items()}
     for name, p in profiled_parameters.items():
-        interval_text = p.known(found.experiment.free[name].range.unit.written)
+        interval_text = p.known(fit_result.experiment.free[name].range.unit.written)
         console.print(f"{name}: {interval_text} by profile likelihood", soft_wrap=True)
     files = []
     if written is not None:
-        write(written, fitted_diagram(found, written))
+        write(written, fitted_diagram(fit_result, written))
         files.append(written)
     if output is not None:
         from heavebond.pictures.plot import plot_comparison, save
 
-        files.append(save(plot_comparison(found.after), output))
+        files.append(save(plot_comparison(fit_result.after), output))
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
-    figures = {"experiment": found.experiment.name, **found.as_dict(),
+    figures = {"experiment": fit_result.experiment.name, **fit_result.as_dict(),
                "profiles": {name: list(p.told) for name, p in profiled_parameters.items()}, "files": list(map(str, files))}
     if kept_lines is not None and not early:
         kept_lines.remove()

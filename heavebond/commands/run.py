@@ -99,7 +99,8 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
         console.print(line, soft_wrap=True)
     growing = warn_where_it_stands(result)
     statistics = {k: v for k, v in result.statistics.items() if k != "quadratures"}
-    told: dict[str, object] = {"model": assembly.model.name, "until": float(result.time[-1]), "points": len(result.time),
+    run_figures: dict[str, object] = {"model": assembly.model.name, "until": float(result.time[-1]),
+                                      "points": len(result.time),
             "outputs": figures, "events": [{"time": time, "name": name} for time, name in result.events],
             "files": list(map(str, files)), "statistics": statistics, "growing": growing}
     if verified:
@@ -109,8 +110,8 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
         with blamed_on_settings(settings), terminal.working("repeating with tighter tolerances and narrower transitions"):
             verification = verify(result, names, [n.text for f in formulas.values() for n in names_in(f)], Tolerances(rtol),
                                   within)
-        _tell(verification, told)
-    return told
+        _tell(verification, run_figures)
+    return run_figures
 
 
 def _tell(found: Verification, told: dict[str, object]) -> None:

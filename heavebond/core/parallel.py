@@ -215,10 +215,10 @@ def _again(workers: Workers, function: Callable[..., T], lost: Sequence[Lost[K]]
     for (key, arguments), error in lost:
         for _ in range(ALONE if workers.together else 0):
             again = workers.submit(function, *arguments)
-            if not isinstance(found := again.exception(), workers.died):
+            if not isinstance(outcome := again.exception(), workers.died):
                 yield key, again.result()
                 break
-            error = found
+            error = outcome
             workers.renew()
         else:
             yield key, instead(key, error)

@@ -287,17 +287,17 @@ class _Reader:
     def changed(self, base: Experiment | None) -> Experiment:
         root, problems, model = self.source.root, self.problems, self.model
         name = reading.text(root.items["experiment"], "experiment", problems)
-        found = replace(base, name=name, path=self.source.path, model=model) if base else \
+        experiment_read = replace(base, name=name, path=self.source.path, model=model) if base else \
             Experiment(name, self.source.path, model)
         time = root.items.get("time")
         time_column, time_unit = reading.time_axis(time, problems) if time is not None else \
-            (found.time_column, found.time_unit)
+            (experiment_read.time_column, experiment_read.time_unit)
         experiment = replace(
-            found, time_column=time_column or "", time_unit=time_unit,
-            records={**found.records, **self._records(root.items.get("records"), found.records)},
-            inputs={**found.inputs, **self._inputs(root.items.get("inputs"))},
-            outputs={**found.outputs, **self._outputs(root.items.get("outputs"), found.outputs)},
-            free=self._free(root.items.get("free"), found.free), files=(*found.files, self.source.path))
+            experiment_read, time_column=time_column or "", time_unit=time_unit,
+            records={**experiment_read.records, **self._records(root.items.get("records"), experiment_read.records)},
+            inputs={**experiment_read.inputs, **self._inputs(root.items.get("inputs"))},
+            outputs={**experiment_read.outputs, **self._outputs(root.items.get("outputs"), experiment_read.outputs)},
+            free=self._free(root.items.get("free"), experiment_read.free), files=(*experiment_read.files, self.source.path))
         experiment = with_inputs_moved(experiment, self._moves(root.items.get("inputs"), experiment))
         for key, section in (("records", experiment.records), ("outputs", experiment.outputs), ("time", time_column)):
             if not section:
@@ -453,9 +453,9 @@ class _Reader:
             channel = unit(unit_text)
         except UnitProblem:
             return None  # the error in the channel's unit has been reported
-        given = getattr(value.expr, "unit", None)
-        if (given.dimension if given is not None else ()) != channel.dimension:
-            bare = given is None and channel.dimension
+        unit_given = getattr(value.expr, "unit", None)
+        if (unit_given.dimension if unit_given is not None else ()) != channel.dimension:
+            bare = unit_given is None and channel.dimension
             hint = f"Write `noise: {value.text} {unit_text}`, if that is meant." if bare else \
                 f"Write for example `noise: {f'1 {unit_text}' if channel.dimension else '0.01'}`."
             self.problems.add("unit-wrong", f"the noise '{value.text}' is not in {unit_text}", value.place, hint=hint)

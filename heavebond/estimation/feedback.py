@@ -65,12 +65,12 @@ def closed_loops(experiment: Experiment, record: Record, channels: Mapping[str, 
     Inputs `prescribing` a shared variable, such as the position of a shaker, may depend on the reaction of the
     machine."""
     notes = []
-    for name, given in experiment.inputs_for(record).items():
-        time, values = input_samples(replace(given, bridge=True))
-        found = {channel: fed for channel, (t, y, model) in channels.items()
-                 if (fed := feedback(np.interp(t, time, values), y - model, model)) is not None}
-        if found:
-            channel, fed = max(found.items(), key=lambda pair: abs(pair[1].correlation))
+    for name, file_input in experiment.inputs_for(record).items():
+        time, values = input_samples(replace(file_input, bridge=True))
+        feedback_by_channel = {channel: fed for channel, (t, y, model) in channels.items()
+                               if (fed := feedback(np.interp(t, time, values), y - model, model)) is not None}
+        if feedback_by_channel:
+            channel, fed = max(feedback_by_channel.items(), key=lambda pair: abs(pair[1].correlation))
             cause = "the machine acts back on its drive, or a controller moves it. A simulation with the measured input " \
                 "is correct, but estimates are biased by the noise and by missing physics: use all sensors, and if there " \
                 "is a controller, add it to the diagram" if name in prescribing else \
@@ -89,32 +89,32 @@ def feedback(u: Array, e: Array, model: Array) -> Feedback | None:
     if len(u) < SHORTEST or not np.ptp(u) or not np.ptp(e):
         return None
     least = float(np.sqrt(2) * erfcinv(LEVEL / (LAGS + 1)))
-    seen = _correlations(u, e, model)
-    found = max((Feedback(r, lag) for lag, (r, z) in seen.items() if abs(z) > least and abs(r) > LEAST),
-                key=lambda fed: abs(fed.correlation), default=None)
-    if found is None:
+    correlations = _correlations(u, e, model)
+    strongest = max((Feedback(r, lag) for lag, (r, z) in correlations.items() if abs(z) > least and abs(r) > LEAST),
+                    key=lambda fed: abs(fed.correlation), default=None)
+    if strongest is None:
         return None
-    alone, _ = _correlations(*_with_input_noise(u, e, model)).get(found.lag, (0.0, 0.0))
-    return None if alone / found.correlation >= ALONE else found
+    alone, _ = _correlations(*_with_input_noise(u, e, model)).get(strongest.lag, (0.0, 0.0))
+    return None if alone / strongest.correlation >= ALONE else strongest
 
 
 def _correlations(u: Array, e: Array, model: Array) -> dict[int, tuple[float, float]]:
     """The correlation of innovations at each lag, and z."""
-    own, e = _past(u), _without(e, model)
+    past_inputs, e = _past(u), _without(e, model)
     past = _past(e)
-    v = _innovations(u[ORDER:], own)
-    now = _innovations(e[ORDER:], np.hstack([past, own]))
-    w = _innovations(e[ORDER:], np.hstack([past, own, u[ORDER:, None]]))
-    direct = _innovations(model[ORDER:], np.hstack([_past(model), own]))
-    found = {}
-    for lag in range(0 if abs(now @ v) > abs(direct @ v) else 1, LAGS + 1):
-        after, before = v[lag:], w[:len(w) - lag] if lag else now
+    v = _innovations(u[ORDER:], past_inputs)
+    innovations_now = _innovations(e[ORDER:], np.hstack([past, past_inputs]))
+    w = _innovations(e[ORDER:], np.hstack([past, past_inputs, u[ORDER:, None]]))
+    direct = _innovations(model[ORDER:], np.hstack([_past(model), past_inputs]))
+    correlations_by_lag = {}
+    for lag in range(0 if abs(innovations_now @ v) > abs(direct @ v) else 1, LAGS + 1):
+        after, before = v[lag:], w[:len(w) - lag] if lag else innovations_now
         product = after * before
         size = float(np.sqrt(np.sum(after**2) * np.sum(before**2)))
         spread = float(np.sqrt(np.sum(product**2)))
         if size > 0 and spread > 0:
-            found[lag] = float(product.sum()) / size, float(product.sum()) / spread
-    return found
+            correlations_by_lag[lag] = float(product.sum()) / size, float(product.sum()) / spread
+    return correlations_by_lag
 
 
 def _with_input_noise(u: Array, e: Array, model: Array) -> tuple[Array, Array, Array]:
@@ -125,16 +125,17 @@ def _with_input_noise(u: Array, e: Array, model: Array) -> tuple[Array, Array, A
 
     rng = np.random.default_rng(0)
     smooth = savgol_filter(u, SMOOTHED, 3)
-    kept = 1 - float(savgol_filter(np.eye(SMOOTHED)[SMOOTHED // 2], SMOOTHED, 3)[SMOOTHED // 2])  # share of white noise
-    noise = float(np.std(u - smooth)) / np.sqrt(kept) * rng.standard_normal(len(u))
+    passed_share = 1 - float(savgol_filter(np.eye(SMOOTHED)[SMOOTHED // 2], SMOOTHED,
+                                           3)[SMOOTHED // 2])  # share of white noise
+    noise = float(np.std(u - smooth)) / np.sqrt(passed_share) * rng.standard_normal(len(u))
     segment = min(SEGMENT, len(u))
     f, power = welch(u, nperseg=segment)
     response = csd(u, model, nperseg=segment)[1] / np.maximum(power, 1e-12 * float(power.max()))
-    own = np.fft.rfftfreq(2 * len(u))
-    passed = np.fft.irfft(np.interp(own, f, response) * np.fft.rfft(noise, 2 * len(u)))[:len(u)]
+    fine_frequencies = np.fft.rfftfreq(2 * len(u))
+    passed = np.fft.irfft(np.interp(fine_frequencies, f, response) * np.fft.rfft(noise, 2 * len(u)))[:len(u)]
     innovations = [float(np.var(_innovations(x[ORDER:], _past(x)))) for x in (_without(e, model), passed)]
-    left = np.sqrt(max(0.0, innovations[0] - innovations[1])) * rng.standard_normal(len(u))
-    return smooth + noise, left - passed, model + passed
+    added_noise = np.sqrt(max(0.0, innovations[0] - innovations[1])) * rng.standard_normal(len(u))
+    return smooth + noise, added_noise - passed, model + passed
 
 
 def _without(e: Array, model: Array) -> Array:
@@ -153,5 +154,5 @@ def _innovations(x: Array, past: Array) -> Array:
     """Residual of a linear prediction of x (n,) from the columns of `past` (n, m)."""
     columns = np.hstack([past - past.mean(axis=0), np.ones((len(past), 1))])
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    found = np.linalg.lstsq(columns / scale, x, rcond=1e-10)[0]
-    return np.asarray(x - (columns / scale) @ found)
+    coefficients = np.linalg.lstsq(columns / scale, x, rcond=1e-10)[0]
+    return np.asarray(x - (columns / scale) @ coefficients)

@@ -102,10 +102,10 @@ class Fitted:
         """Text of the interval: `1 .. 2 m`, `above 1 m`, `not seen`; `-` at an end of the range. `written` formats a
         value in SI."""
         low, high = (None if end is None else written(end) for end in self.told)
-        said = f"{low} {dots} {high}{unit}" if low is not None and high is not None else \
+        interval_text = f"{low} {dots} {high}{unit}" if low is not None and high is not None else \
             f"above {low}{unit}" if low is not None else f"below {high}{unit}" if high is not None else \
             "-" if self.at_bound else "not identifiable"
-        return said if self.unreached is None else f"{said}, not reached"
+        return interval_text if self.unreached is None else f"{interval_text}, not reached"
 
     def as_dict(self) -> dict[str, object]:
         """The figures, for machines."""
@@ -171,18 +171,20 @@ class Fit:
     @property
     def record_values(self) -> dict[str, dict[str, float]]:
         """Estimated values that are separate for each record, by the names of record and parameter, in SI."""
-        found: dict[str, dict[str, float]] = {name: dict(own.values) for name, own in self.held_out.items()}
+        values_by_record: dict[str, dict[str, float]] = {name: dict(held_out_values.values) for name,
+                                                         held_out_values in self.held_out.items()}
         for p in self.parameters:
             if p.record:
-                found.setdefault(p.record, {})[p.name] = p.value
-        return found
+                values_by_record.setdefault(p.record, {})[p.name] = p.value
+        return values_by_record
 
     def as_dict(self) -> dict[str, object]:
         """Parameters (each with its unit and interval), correlations and errors as a dictionary of plain values."""
         return {
             "parameters": {p.name + (f" ({p.record})" if p.record else ""): {**p.as_dict(), "before": p.before}
                            for p in self.parameters},
-            "held_out": {name: {"values": dict(own.values), "seconds": own.seconds} for name, own in self.held_out.items()},
+            "held_out": {name: {"values": dict(held_out_values.values), "seconds": held_out_values.seconds} for name,
+                         held_out_values in self.held_out.items()},
             "correlation": self.correlation.tolist(), "identifiability": list(self.identifiability.words),
             "chi2_per_sample": self.chi2, "samples": self.samples, "cost_of_each_start": list(self.cost),
             "history": list(self.history), "evaluations": self.evaluations, "message": self.message,
@@ -212,7 +214,7 @@ def fit(experiment: ExperimentOrFile, *, starts: int = 1, segments: int = 1, see
     """
     experiment = with_noise(load_experiment(experiment))
     if free is not None:
-        experiment = replace(experiment, free={name: _free(name, given) for name, given in free.items()})
+        experiment = replace(experiment, free={name: _free(name, range_given) for name, range_given in free.items()})
     if not experiment.free:
         raise UsageError([Problem("free-empty", "nothing is free to be fitted", None,
                                   "List parameters and ranges: `free: {gas.c: 42 kN/m +- 20 %}`.")])
@@ -236,10 +238,10 @@ def fit(experiment: ExperimentOrFile, *, starts: int = 1, segments: int = 1, see
                                        _limit_passed(problem))])
     say("comparing")
     with finishing(say):
-        found = _finished(problem, replace(best, message=runs[-1].message), costs, before)
-    for record in found.after.records.values():
+        fit_result = _finished(problem, replace(best, message=runs[-1].message), costs, before)
+    for record in fit_result.after.records.values():
         hear(f"{experiment.name}, {record.name}", record.result.verdict)
-    return found
+    return fit_result
 
 
 def evaluated(experiment: Experiment, before: Comparison | None = None) -> Fit:
@@ -293,9 +295,9 @@ def _finished(problem: Residuals, best: Descent, costs: list[float], before: Com
     verdict = identifiability(relative / np.sqrt(inflation), labels, [c.logarithmic for c in problem.columns])
     if before is None or any(free.each for free in problem.experiment.free.values()):
         before = _compared(problem, problem.start)[0]
-    after, own = _compared(problem, best.x)
+    after, held_out_values = _compared(problem, best.x)
     return Fit(problem.experiment, parameters, correlation, verdict, chi2, len(residuals), tuple(costs),
-               best.history, problem.evaluations, best.message, before, after, own)
+               best.history, problem.evaluations, best.message, before, after, held_out_values)
 
 
 def _fitted(column: Column, inner: float, deviation: float) -> Fitted:
@@ -321,23 +323,23 @@ def _within(column: Column, inner: float) -> float:
 def _compared(problem: Residuals, inner: Array) -> tuple[Comparison, dict[str, OwnValues]]:
     """Compare every record with the fitted values; on records that were not fitted, separate values are fitted first."""
     records: dict[str, RecordComparison] = {}
-    own: dict[str, OwnValues] = {}
+    held_out_values: dict[str, OwnValues] = {}
     has_own = any(free.each for free in problem.experiment.free.values())
     fitted = {run.record.name for run in problem.runs}
     for record in problem.experiment.records.values():
         values = problem.values_of(inner, record.name)
         if record.name not in fitted and has_own:
-            own[record.name] = own_values(problem.experiment, record, values)
-            values = {**values, **own[record.name].values}
+            held_out_values[record.name] = own_values(problem.experiment, record, values)
+            values = {**values, **held_out_values[record.name].values}
         records[record.name] = compare_record(problem.experiment, record, values)
-    return Comparison(problem.experiment, records), own
+    return Comparison(problem.experiment, records), held_out_values
 
 
 def own_start(experiment: Experiment, record: Record, values: Mapping[str, float], like: Run | None = None
               ) -> dict[str, float]:
     """Separate values of a held-out record (`each: record`); see `own_values`."""
-    own = any(f.each for f in experiment.free.values())
-    return dict(own_values(experiment, record, values, like).values) if own else {}
+    separate = any(f.each for f in experiment.free.values())
+    return dict(own_values(experiment, record, values, like).values) if separate else {}
 
 
 def own_values(experiment: Experiment, record: Record, values: Mapping[str, float], like: Run | None = None) -> OwnValues:
@@ -345,21 +347,22 @@ def own_values(experiment: Experiment, record: Record, values: Mapping[str, floa
     with all other values given; for initial values alone, from a thousand samples at most. `like` is an existing run
     of this record with this diagram, which avoids reading and assembling them again. Times at which something begins
     are not visible in the beginning of a record: they are sought on the whole record."""
-    own = {n: f for n, f in experiment.free.items() if f.each}
-    if instants := [name for name in own if is_instant(experiment.model, name)]:
+    separate_free = {n: f for n, f in experiment.free.items() if f.each}
+    if instants := [name for name in separate_free if is_instant(experiment.model, name)]:
         return _with_instants(experiment, record, values, instants, like)
-    found = like.found if like is not None else measure(experiment, record)
-    tenth = len(found.grid) // 10
-    last = min(tenth, BEGINNING) if all(n.startswith("initial.") for n in own) else tenth
-    ends = [found.grid[last], *(c.time[:11][-1] for c in found.channels.values())]
+    measured = like.found if like is not None else measure(experiment, record)
+    tenth = len(measured.grid) // 10
+    last = min(tenth, BEGINNING) if all(n.startswith("initial.") for n in separate_free) else tenth
+    ends = [measured.grid[last], *(c.time[:11][-1] for c in measured.channels.values())]
     short = replace(record, end=float(max(ends)))
     pinned = {k: v for k, v in values.items() if not k.startswith("initial.")}
     try:
         if like is None:
-            problem = Residuals(replace(experiment, model=experiment.model.with_parameters(pinned), free=own), [short])
+            problem = Residuals(replace(experiment, model=experiment.model.with_parameters(pinned), free=separate_free),
+                                [short])
         else:
-            run = like.beginning(replace(experiment, free=own), short, pinned)
-            problem = Residuals(replace(experiment, free=own), runs=[run])
+            run = like.beginning(replace(experiment, free=separate_free), short, pinned)
+            problem = Residuals(replace(experiment, free=separate_free), runs=[run])
         # the diagram may contain the start of another record, from which friction may keep a search in another local minimum
         start, least = problem.start, np.inf
         for point in problem.starting_points(OWN_STARTS, 0):
@@ -367,8 +370,8 @@ def own_values(experiment: Experiment, record: Record, values: Mapping[str, floa
                 start, least = point, cost
         best = problem.minimise(start, False, lambda text: None, tolerance=1e-6, settle=True)
     except HeavebondError:
-        return OwnValues({}, max(ends) - found.grid[0])
-    return OwnValues(problem.values_of(best.x, record.name), max(ends) - found.grid[0])
+        return OwnValues({}, max(ends) - measured.grid[0])
+    return OwnValues(problem.values_of(best.x, record.name), max(ends) - measured.grid[0])
 
 
 def is_instant(model: Model, name: str) -> bool:
@@ -384,25 +387,25 @@ def _with_instants(experiment: Experiment, record: Record, values: Mapping[str, 
     """Separate values of a held-out record that include times at which something begins. These are sought one after the
     other on the whole record: on a grid between the ends of their ranges, then around the best. At an end something
     acts in the whole record, or not at all."""
-    others = replace(experiment, free={n: f for n, f in experiment.free.items() if f.each and n not in instants})
+    without_instants = replace(experiment, free={n: f for n, f in experiment.free.items() if f.each and n not in instants})
     pinned = {k: v for k, v in values.items() if not k.startswith("initial.")}
-    own, seconds = dict[str, float](), 0.0
+    separate_values, seconds = dict[str, float](), 0.0
     try:
         whole = like.again([], pinned, type(like.simulator)) if like is not None else Run(
             replace(experiment, model=experiment.model.with_parameters(pinned)), record, [], kind=FitSimulator)
-        own = {name: whole.assembly.parameter_values[name] for name in instants}
-        rounds = 2 if others.free or len(instants) > 1 else 1
+        separate_values = {name: whole.assembly.parameter_values[name] for name in instants}
+        rounds = 2 if without_instants.free or len(instants) > 1 else 1
         for _ in range(rounds):
-            if others.free:
-                fitted = own_values(others, record, {**values, **own}, like)
-                own |= fitted.values
+            if without_instants.free:
+                fitted = own_values(without_instants, record, {**values, **separate_values}, like)
+                separate_values |= fitted.values
                 seconds = fitted.seconds
             for name in instants:
                 span = experiment.free[name].range
-                own[name] = _best_instant(whole, {**values, **own}, name, span.low, span.high)
+                separate_values[name] = _best_instant(whole, {**values, **separate_values}, name, span.low, span.high)
     except HeavebondError:
         return OwnValues({}, seconds)
-    return OwnValues(own, seconds, tuple(instants))
+    return OwnValues(separate_values, seconds, tuple(instants))
 
 
 def _best_instant(run: Run, values: Mapping[str, float], name: str, low: float, high: float) -> float:

@@ -41,28 +41,28 @@ def with_input_noise(experiment: Experiment, progress: Progress | None = None) -
     """The experiment with the effect of the noise of its inputs on its channels, at the values of its diagram; the same
     object if no input has `noise`, or if the effect is known already. A record on which the model cannot be simulated
     is omitted."""
-    if experiment.input_noise or not any(given.noise for record in experiment.records.values()
-                                         for given in experiment.inputs_for(record).values()):
+    if experiment.input_noise or not any(file_input.noise for record in experiment.records.values()
+                                         for file_input in experiment.inputs_for(record).values()):
         return experiment
-    found = {}
+    noise_by_record = {}
     for record in experiment.records.values():
         if progress:
             progress(f"noise of the inputs on {record.name}")
         try:
-            found[record.name] = _propagated(experiment, record)
+            noise_by_record[record.name] = _propagated(experiment, record)
         except HeavebondError:  # the run without noise reports the error
             continue
-    return replace(experiment, input_noise=found)
+    return replace(experiment, input_noise=noise_by_record)
 
 
 def noise_notes(experiment: Experiment, measured: Measured) -> list[str]:
     """Share of the noise of the inputs in the variance of each channel of a record, if it is noticeable."""
-    given = any(g.noise for g in experiment.inputs_for(measured.record).values())
-    if given and measured.record.name not in experiment.input_noise:
+    has_noise = any(g.noise for g in experiment.inputs_for(measured.record).values())
+    if has_noise and measured.record.name not in experiment.input_noise:
         return ["the noise of the inputs is not taken into account: the model cannot be simulated with it"]
     shares = {name: 1 - float(np.mean((c.own_noise / c.deviation) ** 2)) for name, c in measured.channels.items()}
-    said = [f"{100 * share:.0f} % of the variance of {name}" for name, share in shares.items() if share > NOTICEABLE]
-    return [f"the noise of the inputs is {listing(said, 4)} that is expected of a correct model"] if said else []
+    texts = [f"{100 * share:.0f} % of the variance of {name}" for name, share in shares.items() if share > NOTICEABLE]
+    return [f"the noise of the inputs is {listing(texts, 4)} that is expected of a correct model"] if texts else []
 
 
 def _propagated(experiment: Experiment, record: Record) -> InputNoise:
@@ -72,8 +72,8 @@ def _propagated(experiment: Experiment, record: Record) -> InputNoise:
     wanted = {n.text for o in outputs for n in names(o.expr)}
 
     def channels(seed: int | None) -> Array:
-        drawn = replace(record, inputs={name: replace(given, seed=seed if given.noise else None)
-                                        for name, given in experiment.inputs_for(record).items()})
+        drawn = replace(record, inputs={name: replace(file_input, seed=seed if file_input.noise else None)
+                                        for name, file_input in experiment.inputs_for(record).items()})
         assembly = assemble(experiment.model_for(drawn), wanted)
         try:
             result = QuickSimulator(assembly, times=grid, tolerances=FINE).run()

@@ -114,11 +114,11 @@ def _error(time: Array, values: Array, noise: float, bandwidth: float, highest: 
 def smoothing_notes(experiment: Experiment, record: Record, assembly: Assembly) -> list[str]:
     """The advice for each input of a record that the model differentiates and that has visible noise or steps."""
     inputs = experiment.inputs_for(record)
-    found = {name: proposal for name in differentiated_inputs(assembly)
-             if name in inputs and (proposal := proposed_smoothing(inputs[name])) is not None}
+    proposals = {name: proposal for name in differentiated_inputs(assembly)
+                 if name in inputs and (proposal := proposed_smoothing(inputs[name])) is not None}
     return [f"the model differentiates the input {name}, whose {_cause(p, inputs[name].unit)}: the noise of its derivative "
             f"is {number(100 * p.share, 2)} % of the derivative. Write `{p.entry(inputs[name].unit)}` at this input"
-            for name, p in found.items()]
+            for name, p in proposals.items()]
 
 
 def _cause(proposal: Smoothing, unit: str) -> str:
@@ -134,8 +134,8 @@ def with_smoothed_inputs(experiment: Experiment, assembly: Assembly) -> tuple[Ex
     proposals: dict[str, Smoothing] = {}
     names = differentiated_inputs(assembly)
     for record in experiment.records.values():
-        for name, given in experiment.inputs_for(record).items():
-            if name in names and (proposal := proposed_smoothing(given)) is not None:
+        for name, file_input in experiment.inputs_for(record).items():
+            if name in names and (proposal := proposed_smoothing(file_input)) is not None:
                 before = proposals.get(name)
                 wider = before is None or proposal.bandwidth > before.bandwidth
                 proposals[name] = proposal if wider else before or proposal
@@ -143,14 +143,15 @@ def with_smoothed_inputs(experiment: Experiment, assembly: Assembly) -> tuple[Ex
         return experiment, ()
 
     def smoothed(inputs: dict[str, FileInput]) -> dict[str, FileInput]:
-        return {name: replace(given, smooth=given.smooth or proposals[name].bandwidth,
-                              noise=given.noise or proposals[name].noise) if name in proposals else given
-                for name, given in inputs.items()}
+        return {name: replace(file_input, smooth=file_input.smooth or proposals[name].bandwidth,
+                              noise=file_input.noise or proposals[name].noise) if name in proposals else file_input
+                for name, file_input in inputs.items()}
 
     records = {name: replace(record, inputs=smoothed(record.inputs)) for name, record in experiment.records.items()}
-    units = {name: given.unit for record in experiment.records.values()
-             for name, given in experiment.inputs_for(record).items()}
-    said = tuple(f"The model differentiates the measured input {name}, whose {_cause(p, units[name])}. For this diagnosis "
-                 f"it is smoothed, and its noise is taken into account: write `{p.entry(units[name])}` at this input."
-                 for name, p in proposals.items())
-    return replace(experiment, inputs=smoothed(experiment.inputs), records=records), said
+    units = {name: file_input.unit for record in experiment.records.values()
+             for name, file_input in experiment.inputs_for(record).items()}
+    sentences = tuple(f"The model differentiates the measured input {name}, whose {_cause(p, units[name])}. For this "
+                 "diagnosis "
+                      f"it is smoothed, and its noise is taken into account: write `{p.entry(units[name])}` at this input."
+                      for name, p in proposals.items())
+    return replace(experiment, inputs=smoothed(experiment.inputs), records=records), sentences

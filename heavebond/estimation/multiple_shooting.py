@@ -95,7 +95,7 @@ class Shooting:
     def _segment(self, k: int, y: Array) -> tuple[Array, Array, Array, Array]:
         segment, inner = self.segments[k], y[: self.n]
         run, nominal = segment.run, segment.run.assembly.x_nominal
-        own = slice(self.offsets[k], self.offsets[k + 1])
+        own_states = slice(self.offsets[k], self.offsets[k + 1])
         joined = k + 1 < len(self.segments) and not self.segments[k + 1].first
         # the last sample belongs to the next segment, except for the record's last
         samples = slice(segment.begin, segment.end if joined else segment.end + 1)
@@ -104,21 +104,22 @@ class Shooting:
         slopes, gap_slopes = np.zeros((n_data, len(y))), np.zeros((n_gap, len(y)))
         values = self.problem.values_of(inner, run.record.name)
         try:
-            result = segment.simulator.run(values) if segment.first else segment.simulator.run_from(y[own] * nominal, values)
+            result = segment.simulator.run(values) if segment.first else segment.simulator.run_from(y[own_states] * nominal,
+                                                                                                    values)
         except (ModelError, SimulationError, StartError):
             return np.full(n_data, BROKEN), np.full(n_gap, BROKEN), slopes, gap_slopes
         count = samples.stop - samples.start
         wrong = (run.probe.values(result)[:, :count] - run.measured[:, samples]) / run.noise[:, samples]
-        moved = run.probe.sensitivities(result)[:, :, :count] / run.noise[None, :, samples]
+        sensitivities = run.probe.sensitivities(result)[:, :, :count] / run.noise[None, :, samples]
         assert result.along is not None
         ends = result.along.x[:, :, -1] / nominal
         for column, position in self._columns(run, inner):
-            slopes[:, column] = moved[position[0]][counts] * position[1]
+            slopes[:, column] = sensitivities[position[0]][counts] * position[1]
             gap_slopes[:, column] = (ends[position[0]] * position[1])[:n_gap]
         m = len(run.names)
         if not segment.first:
-            slopes[:, own] = (moved[m:][:, counts] * nominal[:, None]).T
-            gap_slopes[:, own] = (ends[m:] * nominal[:, None]).T[:n_gap]
+            slopes[:, own_states] = (sensitivities[m:][:, counts] * nominal[:, None]).T
+            gap_slopes[:, own_states] = (ends[m:] * nominal[:, None]).T[:n_gap]
         gap = np.zeros(0)
         if joined:
             following = slice(self.offsets[k + 1], self.offsets[k + 2])

@@ -134,8 +134,8 @@ def _in_steps(values: Array) -> bool:
     """True if a signal stays at values and steps from one to the next, as a held command: most samples repeat the one
     before, and a typical step is larger than a rounding of a slow signal."""
     steps = np.abs(np.diff(values))
-    moved = steps[steps > 0]
-    return len(moved) > 0 and len(moved) < STEPPING * len(steps) and float(np.median(moved)) > STEP * float(np.ptp(values))
+    jumps = steps[steps > 0]
+    return len(jumps) > 0 and len(jumps) < STEPPING * len(steps) and float(np.median(jumps)) > STEP * float(np.ptp(values))
 
 
 def _sketch(values: Array) -> tuple[float, ...]:
@@ -154,12 +154,12 @@ def _time_column(table: Table) -> str:
     able = [name for name in table.header if name in table.columns or name in table.words or name in table.clocks]
     called = [name for name in able if _words(name) & TIMES and (name not in table.columns or _rises(table.columns[name]))]
     rising = [name for name in able if name in table.columns and _rises(table.columns[name])]
-    found = next(iter(called), None) or next((name for name in able if _is_clock(table, name)), None) or \
+    time_column = next(iter(called), None) or next((name for name in able if _is_clock(table, name)), None) or \
         next(iter(rising), None)
-    if found is None:
+    if time_column is None:
         raise DataError([Problem("record-no-time", f"no column of '{table.path.name}' is a time: none increases from row to "
                                  "row", None, "A record has one column of times, and one row for each instant.")])
-    return found
+    return time_column
 
 
 def _is_clock(table: Table, name: str) -> bool:
@@ -179,15 +179,15 @@ def _rises(values: Array) -> bool:
 
 def _inputs(assembly: Assembly, open_inputs: Sequence[str]) -> list[_Target]:
     """Signal inputs that a record can drive; first those that move the diagram now, or have no value in it."""
-    expanded, found = assembly.flat.expanded, list[_Target]()
+    expanded, possible_inputs = assembly.flat.expanded, list[_Target]()
     for leaf in expanded.leaves.values():
         nodes = [path for path, junction in expanded.junctions.items() if any(e.leaf == leaf.path for e in junction.ends)]
         for name, bound in leaf.inputs.items():
             port = leaf.component.signals[name]
             words = frozenset({*_words(leaf.path), *(w for node in nodes for w in _words(node))})
             path = f"{leaf.path}.{name}"
-            found.append(_Target(path, port.unit, port.doc, words, "input", bound.varies or path in open_inputs))
-    return sorted(found, key=lambda t: not t.driving)
+            possible_inputs.append(_Target(path, port.unit, port.doc, words, "input", bound.varies or path in open_inputs))
+    return sorted(possible_inputs, key=lambda t: not t.driving)
 
 
 def _open_inputs(model: Model) -> list[str]:
@@ -201,21 +201,21 @@ def _open_inputs(model: Model) -> list[str]:
 
 def _outputs(assembly: Assembly) -> list[_Target]:
     """The outputs under `show:`, by their formulas."""
-    found = []
+    output_targets = []
     for name, output in assembly.model.show.items():
         try:
             unit = read_unit(output.unit)
         except UnitProblem:
             continue
-        found.append(_Target(output.text, unit, name, frozenset(_words(name) | _words(output.text)), "output"))
-    return found
+        output_targets.append(_Target(output.text, unit, name, frozenset(_words(name) | _words(output.text)), "output"))
+    return output_targets
 
 
 def _signals(assembly: Assembly) -> list[_Target]:
     """All variables of the diagram that are not shown already."""
-    shown = {output.text for output in assembly.model.show.values()}
+    shown_formulas = {output.text for output in assembly.model.show.values()}
     return [_Target(name, assembly.flat.unknowns[j].unit, assembly.flat.unknowns[j].doc, frozenset(_words(name)), "output")
-            for name, j in assembly.flat.names.items() if name not in shown]
+            for name, j in assembly.flat.names.items() if name not in shown_formulas]
 
 
 def _matched(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] | None], targets: Sequence[_Target],
@@ -224,25 +224,27 @@ def _matched(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] 
     because a record without them could not be simulated; then the variable at a place that a column names; then
     remaining columns for which the unit leaves one choice."""
     def fits(column: str, target: _Target) -> bool:
-        given = units[column]
-        return given is None or as_meant(given[1], target.unit).dimension == target.unit.dimension
+        unit = units[column]
+        return unit is None or as_meant(unit[1], target.unit).dimension == target.unit.dimension
 
     pairs = [(target.driving, score, -k, column, target) for column in columns for k, target in enumerate(targets)
              if fits(column, target) and (score := _likeness(column, units[column], target)) > 0]
-    found: dict[str, _Target] = {}
+    matches: dict[str, _Target] = {}
     for _, _, _, column, target in sorted(pairs, key=lambda p: p[:3], reverse=True):
-        if column not in found and target not in found.values():
-            found[column] = target
-    found |= _by_place([c for c in columns if c not in found], units, [v for v in variables if v not in found.values()])
-    rest = [t for t in targets if not t.driving]
-    for driving, group in ((True, [t for t in targets if t.driving]), (False, [t for t in rest if t.role == "output"]),
-                           (False, [t for t in rest if t.role == "input"])):
+        if column not in matches and target not in matches.values():
+            matches[column] = target
+    matches |= _by_place([c for c in columns if c not in matches], units,
+                         [v for v in variables if v not in matches.values()])
+    not_driving = [t for t in targets if not t.driving]
+    for driving, group in ((True, [t for t in targets if t.driving]),
+                           (False, [t for t in not_driving if t.role == "output"]),
+                           (False, [t for t in not_driving if t.role == "input"])):
         for target in group:
-            left = [c for c in columns if c not in found and (driving or units[c] is not None) and fits(c, target)]
-            rivals = [t for t in group if t not in found.values() and t.unit.dimension == target.unit.dimension]
-            if len(left) == 1 and rivals == [target]:
-                found[left[0]] = target
-    return found
+            unmatched = [c for c in columns if c not in matches and (driving or units[c] is not None) and fits(c, target)]
+            rivals = [t for t in group if t not in matches.values() and t.unit.dimension == target.unit.dimension]
+            if len(unmatched) == 1 and rivals == [target]:
+                matches[unmatched[0]] = target
+    return matches
 
 
 def _as_inputs(assembly: Assembly, inputs: Sequence[_Target], chosen: Mapping[str, _Target]) -> dict[str, _Target]:
@@ -269,18 +271,18 @@ def _by_place(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool]
     column's unit, and its path contains every word of the column except words for the quantity, which follow from the
     unit. The shortest such path is chosen; none if several are equally short."""
     places = {t: _words(path) for t in signals for path, _, member in [t.name.rpartition(".")] if member in QUANTITIES}
-    found: dict[str, _Target] = {}
+    by_place: dict[str, _Target] = {}
     for column in columns:
         given = units[column]
         if given is None or not (place := _words(_bare(column, given)) - QUANTITIES):
             continue
         fit = [t for t, words in places.items()
-               if t.unit.dimension == as_meant(given[1], t.unit).dimension and place <= words and t not in found.values()]
+               if t.unit.dimension == as_meant(given[1], t.unit).dimension and place <= words and t not in by_place.values()]
         least = min((len(places[t]) for t in fit), default=0)
         shortest = [t for t in fit if len(places[t]) == least]
         if len(shortest) == 1:
-            found[column] = shortest[0]
-    return found
+            by_place[column] = shortest[0]
+    return by_place
 
 
 def _words(text: str) -> set[str]:
@@ -321,18 +323,18 @@ def proposed_text(path: Path, model: Model, files: Sequence[Path]) -> tuple[str,
     open_inputs = _open_inputs(model)
     assembly = assemble(model.with_parameters(dict.fromkeys(open_inputs, 0.0)))
     tables = {file: read_table(file) for file in files}
-    found = propose(tables[files[0]], assembly, open_inputs)
-    chosen = [Chosen(c.name, c.role, c.unit, c.target, c.interpolation or "linear") for c in found.columns if c.role]
+    proposal = propose(tables[files[0]], assembly, open_inputs)
+    chosen = [Chosen(c.name, c.role, c.unit, c.target, c.interpolation or "linear") for c in proposal.columns if c.role]
     uses = {file: "validate" if k else "fit" for k, file in enumerate(files)}
     parts = {file: part for file, table in tables.items() if (part := _without_gaps(table, chosen)) is not None}
-    found = replace(found, remarks=(*found.remarks, *(part.words(file.name) for file, part in parts.items())))
-    text = experiment_text(path.stem, path, Records(model.path, uses, chosen, parts=parts), _unrecognised(found))
+    proposal = replace(proposal, remarks=(*proposal.remarks, *(part.words(file.name) for file, part in parts.items())))
+    text = experiment_text(path.stem, path, Records(model.path, uses, chosen, parts=parts), _unrecognised(proposal))
     able = [f"#   {name}: {range_around(bound.value.text, TOLERANCE)}" for name, bound, _ in declared(assembly.flat.expanded)
             if name in assembly.parameter_values and bound.place.file == str(model.path) and isinstance(bound.value, Value)
             and isinstance(bound.value.expr, Number) and not bound.value.formula and bound.value.expr.value]
     if able:
         text += "\n".join(["# free:      # remove the # of uncertain parameters, and give their ranges", *able]) + "\n"
-    return text, found
+    return text, proposal
 
 
 @dataclass(frozen=True)
@@ -365,9 +367,9 @@ def _without_gaps(table: Table, chosen: Sequence[Chosen]) -> Part | None:
     holes: dict[tuple[float, float], None] = {}
     columns = []
     for name in inputs:
-        own = times[np.isfinite(table.columns[name]) & np.isfinite(times)]
-        for k in gaps(own, BRIDGED).tolist():
-            holes[float(own[k]), float(own[k + 1])] = None
+        input_times = times[np.isfinite(table.columns[name]) & np.isfinite(times)]
+        for k in gaps(input_times, BRIDGED).tolist():
+            holes[float(input_times[k]), float(input_times[k + 1])] = None
             columns.append(name)
     if not holes:
         return None
@@ -448,10 +450,10 @@ def experiment_text(name: str, path: Path, given: Records, unrecognised: Sequenc
 
 def _output(chosen: Chosen) -> tuple[str, str]:
     """An output by its signal; by a separate name for a formula."""
-    rest = f"column: {quoted(chosen.column)}, unit: {quoted(chosen.unit)}"
+    column_entry = f"column: {quoted(chosen.column)}, unit: {quoted(chosen.unit)}"
     if re.fullmatch(r"[\w.\[\]]+", chosen.target):
-        return chosen.target, f"{{{rest}}}"
-    return _free_name(chosen.column, {}), f"{{is: {quoted(chosen.target)}, {rest}}}"
+        return chosen.target, f"{{{column_entry}}}"
+    return _free_name(chosen.column, {}), f"{{is: {quoted(chosen.target)}, {column_entry}}}"
 
 
 def _free_name(text: str, taken: Mapping[str, str]) -> str:

@@ -98,11 +98,11 @@ class Measured:
     @property
     def deviations(self) -> Array:
         """The standard deviation (channels, N) of each channel on the grid, in SI; interpolated if it was not sampled."""
-        found = []
+        deviation_rows = []
         for channel in self.channels.values():
             scale = read_unit(channel.output.shown.unit).scale
-            found.append(np.interp(self.grid, self.grid[channel.index], channel.deviation) * scale)
-        return np.array(found).reshape(len(self.channels), len(self.grid))
+            deviation_rows.append(np.interp(self.grid, self.grid[channel.index], channel.deviation) * scale)
+        return np.array(deviation_rows).reshape(len(self.channels), len(self.grid))
 
     def on_grid(self) -> tuple[Array, Mask, Mask]:
         """The measured values (channels, N) in SI, NaN if a channel was not sampled, the mask of fitted samples, and the
@@ -124,42 +124,48 @@ def measure(experiment: Experiment, record: Record) -> Measured:
     """
     problems, files = Problems(), _Files((record.file, experiment.time_column))
     window, sampled = _window(experiment, record, files, problems)
-    found: dict[str, Samples] = {}
+    samples_by_name: dict[str, Samples] = {}
     for name in experiment.outputs:
         try:
-            found[name] = _channel(experiment, record, name, files, window)
+            samples_by_name[name] = _channel(experiment, record, name, files, window)
         except HeavebondError as error:
             problems.extend(error)
     problems.raise_as(DataError)
-    grid, indices = merged([window[:1], *(c.time - c.output.shift for c in found.values())], [*sampled, window])
-    found = {name: replace(c, index=index) for (name, c), index in zip(found.items(), indices[1:], strict=True)}
-    found = {name: _with_input_noise(experiment, record, k, c) for k, (name, c) in enumerate(found.items())}
-    most = max((len(c.time) for c in found.values()), default=0)
+    grid, indices = merged([window[:1], *(c.time - c.output.shift for c in samples_by_name.values())], [*sampled, window])
+    samples_by_name = {name: replace(c, index=index) for (name, c),
+                       index in zip(samples_by_name.items(), indices[1:], strict=True)}
+    samples_by_name = {name: _with_input_noise(experiment, record, k, c) for k,
+                       (name, c) in enumerate(samples_by_name.items())}
+    most = max((len(c.time) for c in samples_by_name.values()), default=0)
     if most < MIN_SAMPLES:
         raise DataError([Problem(
             "record-short", f"no channel of record '{record.name}' has more than {count(most, 'sample')} in the run; "
             f"at least {MIN_SAMPLES} are needed to compare the two", record.place,
             "Check `from:`, `to:` and the unit of the time; so few samples do not show how a machine moves.")])
     slips, declared = _unit_slips(experiment, record, files)
-    slow = [] if TIME in declared else _time_slip(experiment, record, found)  # the statement of the file is more probable
-    notes = [*slips, *slow, *_driven(experiment, record, files), *_gap_notes(experiment, record, found),
-             *(f"{name}: {said}" for name, c in found.items() for said in _remarks(c))]
+    slow = [] if TIME in declared else _time_slip(experiment, record,
+                                                  samples_by_name)  # the statement of the file is more probable
+    notes = [*slips, *slow, *_driven(experiment, record, files), *_gap_notes(experiment, record, samples_by_name),
+             *(f"{name}: {remark}" for name, c in samples_by_name.items() for remark in _remarks(c))]
     if record is next(iter(experiment.records.values())):
-        notes += [f"{name}: {c.estimate.words}" for name, c in found.items() if c.estimate and not c.estimate.separable]
+        notes += [f"{name}: {c.estimate.words}" for name, c in samples_by_name.items() if c.estimate
+                  and not c.estimate.separable]
     if experiment.holds_out(record):
-        found, gap = _with_held_out(found, (float(grid[0]), float(grid[-1])))
-        notes.append(_held_out_note(found, gap))
-    return Measured(record, grid, found, tuple(notes), bool(slow), {n: unit for n, unit in declared.items() if n in found})
+        samples_by_name, gap = _with_held_out(samples_by_name, (float(grid[0]), float(grid[-1])))
+        notes.append(_held_out_note(samples_by_name, gap))
+    return Measured(record, grid, samples_by_name, tuple(notes), bool(slow),
+                    {n: unit for n, unit in declared.items() if n in samples_by_name})
 
 
 def _with_input_noise(experiment: Experiment, record: Record, k: int, channel: Samples) -> Samples:
     """The k-th channel of a record with the noise of its inputs added to its noise, if it is known."""
     known = experiment.input_noise.get(record.name)
-    own = np.full(len(channel.time), channel.noise)
+    channel_noise = np.full(len(channel.time), channel.noise)
     if known is None:
-        return replace(channel, own_noise=channel.noise, deviation=own, input_errors=np.zeros((0, len(own))))
+        return replace(channel, own_noise=channel.noise, deviation=channel_noise,
+                       input_errors=np.zeros((0, len(channel_noise))))
     errors = known.at(k, channel.time - channel.output.shift)
-    deviation = np.sqrt(own**2 + _smooth(np.mean(errors**2, axis=0)))
+    deviation = np.sqrt(channel_noise**2 + _smooth(np.mean(errors**2, axis=0)))
     return replace(channel, own_noise=channel.noise, deviation=deviation, input_errors=errors,
                    noise=float(np.sqrt(np.mean(deviation**2))))
 
@@ -192,21 +198,24 @@ class _Files:
 def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> tuple[list[str], dict[str, Unit]]:
     """Contradictions between the units of a file and of the experiment, for the times and each channel, once each; and
     these units, by output (TIME for times)."""
-    asked = [(TIME, record.file, experiment.time_column, experiment.time_column, experiment.time_unit, record.place)]
-    for given in experiment.inputs_for(record).values():
-        asked.append(("", given.file, given.time_column or "", given.column, given.unit, given.place))
+    time_and_channels = [(TIME, record.file, experiment.time_column, experiment.time_column, experiment.time_unit,
+                          record.place)]
+    for file_input in experiment.inputs_for(record).values():
+        time_and_channels.append(("", file_input.file, file_input.time_column or "", file_input.column, file_input.unit,
+                                  file_input.place))
     for name, output in experiment.outputs.items():
         origin = experiment.origin_of(record, name)
         assert origin.file is not None and origin.time_column is not None
-        asked += [(what, origin.file, origin.time_column, column, unit, output.place) for what, column, unit in (
+        time_and_channels += [(channel_name, origin.file, origin.time_column, column, unit, output.place) for channel_name,
+                              column, unit in (
             (TIME, origin.time_column, origin.time_unit), (name, output.column, output.shown.unit))]
     notes, units = dict[str, None](), dict[str, Unit]()
-    for what, file, time, name, unit, place in asked:
+    for channel_name, file, time, name, unit, place in time_and_channels:
         table = files.table(file, time, place)
-        said, declared = declared_otherwise(table, name, unit), table.unit_of(name)
-        if said and declared is not None:
-            notes[said] = None
-            units[what] = declared[1]
+        remark, declared = declared_otherwise(table, name, unit), table.unit_of(name)
+        if remark and declared is not None:
+            notes[remark] = None
+            units[channel_name] = declared[1]
     return list(notes), units
 
 
@@ -232,17 +241,18 @@ def _driven(experiment: Experiment, record: Record, files: _Files) -> list[str]:
     if not inputs:
         return ["no column of the record drives the model: it runs with the inputs of the diagram (`inputs:` names columns)"]
     origins = {name: experiment.origin_of(record, name) for name in experiment.outputs}
-    said = []
-    for path, given in inputs.items():
-        values = column(files.table(given.file, given.time_column or "", given.place), given.column)
+    remarks = []
+    for path, file_input in inputs.items():
+        values = column(files.table(file_input.file, file_input.time_column or "", file_input.place), file_input.column)
         values = values[np.isfinite(values)]
         if not np.ptp(values):
-            said.append(f"the input {path} reads {number(float(values[0]))} {given.unit} throughout: is it the right "
-                        "column, and was the sensor connected?")
+            remarks.append(f"the input {path} reads {number(float(values[0]))} {file_input.unit} throughout: is it the "
+                        "right "
+                           "column, and was the sensor connected?")
         same = [name for name, origin in origins.items()
-                if (origin.file, experiment.outputs[name].column) == (given.file, given.column)]
-        said += [f"the output {name} and the input {path} are the same column '{given.column}'" for name in same]
-    return said
+                if (origin.file, experiment.outputs[name].column) == (file_input.file, file_input.column)]
+        remarks += [f"the output {name} and the input {path} are the same column '{file_input.column}'" for name in same]
+    return remarks
 
 
 # -- what time is covered ------------------------------------------------------------------------------------------
@@ -255,29 +265,30 @@ def _window(experiment: Experiment, record: Record, files: _Files, problems: Pro
     begin, end = float(time[0]), float(time[-1])
     inputs = []
     unbridged: dict[tuple[Path, str], dict[str, FileInput]] = {}  # for each file, by column
-    for path, given in experiment.inputs_for(record).items():
+    for path, file_input in experiment.inputs_for(record).items():
         try:
-            assert given.time_column is not None
-            table = files.table(given.file, given.time_column, given.place, given.time_unit)
-            sampled, _ = input_samples(replace(given, bridge=True), begin, end, table=table)
+            assert file_input.time_column is not None
+            table = files.table(file_input.file, file_input.time_column, file_input.place, file_input.time_unit)
+            sampled, _ = input_samples(replace(file_input, bridge=True), begin, end, table=table)
         except HeavebondError as error:
             problems.extend(error)
             continue
-        if not given.bridge:
-            unbridged.setdefault((given.file, given.time_column), {})[given.column] = given
+        if not file_input.bridge:
+            unbridged.setdefault((file_input.file, file_input.time_column), {})[file_input.column] = file_input
         inputs.append(sampled)
         usual = float(np.median(np.diff(sampled)))
-        first, last = float(sampled[0]), float(sampled[-1]) + (usual if given.interpolation == "hold" else 0.0)
+        first, last = float(sampled[0]), float(sampled[-1]) + (usual if file_input.interpolation == "hold" else 0.0)
         # an input may begin or end a few of its samples later: this part of the record is omitted
         slack = (BRIDGED + 1) * usual
         cut = [f"`{word}: {at:.10g} s`" for word, at, beyond in (
             ("from", first, first - begin > slack), ("to", last, end - last > slack)) if beyond]
         if cut:
-            other = length_seems_in(last - first, end - begin, given.time_unit)
+            probable_unit = length_seems_in(last - first, end - begin, file_input.time_unit)
             problems.add("record-end", f"the input {path} is known from {first:.10g} s to {last:.10g} s, the record "
-                         f"'{record.name}' goes from {begin:.10g} s to {end:.10g} s", given.place,
-                         hint=f"In {other} the times of this input would be as long: correct the `unit:` of its `time:`, "
-                         "or the `unit:` of the record." if other else f"Write {' and '.join(cut)} at the record.")
+                         f"'{record.name}' goes from {begin:.10g} s to {end:.10g} s", file_input.place,
+                         hint=f"In {probable_unit} the times of this input would be as long: correct the `unit:` of its "
+                              "`time:`, "
+                         "or the `unit:` of the record." if probable_unit else f"Write {' and '.join(cut)} at the record.")
             continue
         time = time[(time >= first - 1e-6 * usual) & (time <= last + 1e-6 * usual)]
     for (file, name), columns in unbridged.items():
@@ -288,8 +299,8 @@ def _window(experiment: Experiment, record: Record, files: _Files, problems: Pro
 def _check_input_gaps(files: _Files, file: Path, time: str, columns: Mapping[str, FileInput], ends: tuple[float, float],
                       problems: Problems) -> None:
     """Gaps in inputs of one file and time column, each reported once."""
-    given = next(iter(columns.values()))
-    table, scale = files.table(file, time, given.place, given.time_unit), read_unit(given.time_unit).scale
+    first_input = next(iter(columns.values()))
+    table, scale = files.table(file, time, first_input.place, first_input.time_unit), read_unit(first_input.time_unit).scale
     try:
         check_gaps(table, time, {name: samples(table, time, name) for name in columns}, begin=ends[0] / scale,
                    end=ends[1] / scale)
@@ -374,32 +385,32 @@ def _gap_notes(experiment: Experiment, record: Record, found: Mapping[str, Sampl
         if len(where) and file is not None:
             columns.setdefault(file, []).append(f"'{channel.output.column}'")
             apart.setdefault(file, set()).update(zip(t[where].tolist(), t[where + 1].tolist(), strict=True))
-    said = []
+    notes = []
     for file, ends in apart.items():
         begin, end = max(sorted(ends), key=lambda pair: pair[1] - pair[0])
-        said.append(f"{file.name}: {count(len(ends), 'gap')} in the samples of {listing(dict.fromkeys(columns[file]), 8)}, "
-                    f"the longest from {number(begin)} s to {number(end)} s; nothing is compared there")
-    return said
+        notes.append(f"{file.name}: {count(len(ends), 'gap')} in the samples of {listing(dict.fromkeys(columns[file]), 8)}, "
+                     f"the longest from {number(begin)} s to {number(end)} s; nothing is compared there")
+    return notes
 
 
 def _remarks(channel: Samples) -> list[str]:
     """Remarks on a channel: resolution, outliers."""
-    said, t, unit = [], channel.time, channel.output.shown.unit
+    remarks, t, unit = [], channel.time, channel.output.shown.unit
     if not np.ptp(channel.measured):
-        said.append(f"all its {count(len(t), 'sample')} read {readable(float(channel.measured[0]), unit, 3)}: is it the "
-                    "right column, and was the sensor connected?")
+        remarks.append(f"all its {count(len(t), 'sample')} read {readable(float(channel.measured[0]), unit, 3)}: is it the "
+                       "right column, and was the sensor connected?")
     if channel.step:
         rounding = channel.step / math.sqrt(12)
-        what = "more than the noise given" if channel.noise_given and rounding > channel.noise else \
+        comparison_text = "more than the noise given" if channel.noise_given and rounding > channel.noise else \
             "within the noise given" if channel.noise_given else "counted in the noise"
-        said.append(f"its readings go in steps of {readable(channel.step, unit, 3)}; rounding alone is an error of "
-                    f"{readable(rounding, unit, 2)}, {what}")
+        remarks.append(f"its readings go in steps of {readable(channel.step, unit, 3)}; rounding alone is an error of "
+                       f"{readable(rounding, unit, 2)}, {comparison_text}")
     if channel.outlier.any():
         far = count(int(channel.outlier.sum()), "sample is far from its", "samples are far from their")
-        said.append(f"{far} neighbours, at {moments(t[channel.outlier])}: " + (
+        remarks.append(f"{far} neighbours, at {moments(t[channel.outlier])}: " + (
             "left out of all figures" if channel.output.drop_outliers else
             "counted in all figures (`outliers: drop` leaves them out)"))
-    return said
+    return remarks
 
 
 def moments(times: Array) -> str:
@@ -420,9 +431,9 @@ def merged(times: list[Array], known: list[Array]) -> tuple[Array, list[NDArray[
     np.minimum.at(first, group, order)
     place = np.empty(len(every), dtype=np.int64)
     place[order] = group
-    own = sum(map(len, known))
-    wanted = np.unique(place[own:])
-    index = np.searchsorted(wanted, place[own:])
+    known_count = sum(map(len, known))
+    wanted = np.unique(place[known_count:])
+    index = np.searchsorted(wanted, place[known_count:])
     return every[first[wanted]], list(np.split(index, np.cumsum([len(t) for t in times])[:-1]))
 
 
@@ -442,11 +453,11 @@ def _with_held_out(channels: Mapping[str, Samples], ends: tuple[float, float]) -
     record is short, or a gap of it fills a side)."""
     begin, end = ends[1] - KEPT * (ends[1] - ends[0]), ends[1]
     gap = min(max(correlation_time(c.time, c.measured) for c in channels.values()), (end - begin) / 2)
-    found = {name: replace(c, held_out=c.time - c.output.shift >= begin + gap,
-                           between=(c.time - c.output.shift >= begin) & (c.time - c.output.shift < begin + gap))
-             for name, c in channels.items()}
-    enough = min(min(c.held_out.sum(), c.fitted.sum()) for c in found.values()) >= LEAST
-    return (found, gap) if enough else (dict(channels), 0.0)
+    with_held_out = {name: replace(c, held_out=c.time - c.output.shift >= begin + gap,
+                                   between=(c.time - c.output.shift >= begin) & (c.time - c.output.shift < begin + gap))
+                     for name, c in channels.items()}
+    enough = min(min(c.held_out.sum(), c.fitted.sum()) for c in with_held_out.values()) >= LEAST
+    return (with_held_out, gap) if enough else (dict(channels), 0.0)
 
 
 def _held_out_note(channels: Mapping[str, Samples], gap: float) -> str:

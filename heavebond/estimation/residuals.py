@@ -61,10 +61,10 @@ class Column:
     def outer(self, value: float) -> float:
         if not self.logarithmic:
             return value
-        found = float(np.exp(value))
+        exponential = float(np.exp(value))
         # exp(log(9)) exceeds 9 slightly, and with it a bound of 9
         ends = (self.free.range.low, self.free.range.high)
-        return next((end for end in ends if abs(found - end) <= ROUNDED * end), found)
+        return next((end for end in ends if abs(exponential - end) <= ROUNDED * end), exponential)
 
     def slope(self, value: float) -> float:
         """d outer / d inner."""
@@ -120,28 +120,28 @@ class Run:
         self.simulator: Simulator = self._simulator(kind, tolerances, None if like is None else like.simulator)
 
     def _simulator(self, kind: type[Simulator], tolerances: Tolerances, like: Simulator | None) -> Simulator:
-        made: Callable[..., Simulator] = kind
+        factory: Callable[..., Simulator] = kind
         if issubclass(kind, Unexplained):
-            made = partial(kind, probe=self.probe, among=self.among)
-        return made(self.assembly, times=self.found.grid, tolerances=tolerances, sensitivities=self.names, like=like)
+            factory = partial(kind, probe=self.probe, among=self.among)
+        return factory(self.assembly, times=self.found.grid, tolerances=tolerances, sensitivities=self.names, like=like)
 
     def again(self, names: list[str], values: Mapping[str, float], kind: type[Simulator],
               tolerances: Tolerances | None = None) -> Run:
         """The same diagram on the same record with these start values, other sensitivities, another simulator."""
-        other = copy(self)
-        other.names, other.assembly = names, self.assembly.with_parameters(values)
-        other.simulator = other._simulator(kind, tolerances or self.simulator.tolerances, self.simulator)
-        return other
+        copied = copy(self)
+        copied.names, copied.assembly = names, self.assembly.with_parameters(values)
+        copied.simulator = copied._simulator(kind, tolerances or self.simulator.tolerances, self.simulator)
+        return copied
 
     def beginning(self, experiment: Experiment, short: Record, values: Mapping[str, float]) -> Run:
         """The same diagram with these values on the beginning `short` of the record, by the same simulator, with
         sensitivities to all free parameters of the experiment. All runs of the record, with any diagram, read this
         beginning once."""
         assert short.end is not None
-        made = Run(experiment, short, list(experiment.free), self.simulator.tolerances, kind=type(self.simulator),
-                   like=self._beginnings.get(short.end), assembly=self.assembly.with_parameters(values))
-        self._beginnings.setdefault(short.end, made)
-        return made
+        beginning_run = Run(experiment, short, list(experiment.free), self.simulator.tolerances, kind=type(self.simulator),
+                            like=self._beginnings.get(short.end), assembly=self.assembly.with_parameters(values))
+        self._beginnings.setdefault(short.end, beginning_run)
+        return beginning_run
 
     def residuals(self, values: Mapping[str, float], most: float = np.inf) -> tuple[Array, Array]:
         """(model - measured)/noise (n,) of the n fitted samples, channel after channel, and derivatives (m, n). A run of
@@ -166,13 +166,13 @@ class Run:
                 raise Exceeded
 
         if isinstance(self.simulator, Unexplained):
-            signals, moved = self.simulator.measured(values, watch if np.isfinite(most) else None)
+            signals, sensitivities = self.simulator.measured(values, watch if np.isfinite(most) else None)
         else:
             result = self.simulator.run(values)
             signals = self.probe.values(result)
-            moved = self.probe.sensitivities(result) if self.names else np.zeros((0, *signals.shape))
+            sensitivities = self.probe.sensitivities(result) if self.names else np.zeros((0, *signals.shape))
         wrong = (signals - self.measured)[which] / self._noise(which)
-        return wrong, moved[:, which] / self._noise(which) if self.names else np.zeros((0, len(wrong)))
+        return wrong, sensitivities[:, which] / self._noise(which) if self.names else np.zeros((0, len(wrong)))
 
     def _noise(self, which: NDArray[np.bool_]) -> Array:
         """The noise of each of these samples (n,)."""
@@ -181,8 +181,8 @@ class Run:
     @cached_property
     def broken(self) -> Array:
         """The residuals (n,) of the fitted samples for a failed run."""
-        moved = np.array([np.ptp(row[on]) if on.any() else 0.0 for row, on in zip(self.measured, self.counts, strict=True)])
-        level = np.maximum(BROKEN, FAR * moved[:, None] / self.noise)
+        ranges = np.array([np.ptp(row[on]) if on.any() else 0.0 for row, on in zip(self.measured, self.counts, strict=True)])
+        level = np.maximum(BROKEN, FAR * ranges[:, None] / self.noise)
         return np.asarray(level[self.counts])
 
     @property
@@ -191,10 +191,10 @@ class Run:
         noise."""
         drawn = [c.input_errors for c in self.found.channels.values()]
         number = max((len(d) for d in drawn), default=0)
-        found = np.zeros((number, *self.counts.shape))
+        error_samples = np.zeros((number, *self.counts.shape))
         for k, channel in enumerate(self.found.channels.values() if number else ()):
-            found[:, k, channel.index] = channel.input_errors * self.scale[k]
-        return found[:, self.counts] / self.noise[self.counts]
+            error_samples[:, k, channel.index] = channel.input_errors * self.scale[k]
+        return error_samples[:, self.counts] / self.noise[self.counts]
 
 
 def columns_of(experiment: Experiment, assemblies: Mapping[str, Assembly]) -> list[Column]:
@@ -208,17 +208,17 @@ def columns_of(experiment: Experiment, assemblies: Mapping[str, Assembly]) -> li
 
 def starts_outside(columns: Sequence[Column]) -> list[Problem]:
     """A problem for each free parameter whose value in the diagram, or at its record, is outside its range."""
-    found = []
+    outside = []
     for column in columns:
         free, value, bounds, scale = column.free, column.before, column.free.range, column.free.range.unit
         where = f"record {column.record}" if column.record else "the diagram"
         rounding = 1e-9 * (bounds.high - bounds.low)  # a value that a fit left at the end of its range is inside
         if not bounds.low - rounding <= value <= bounds.high + rounding:
-            found.append(Problem(
+            outside.append(Problem(
                 "free-start-outside", f"{free.name} is {scale.from_si(value):.6g} {scale.text} in {where}, outside its "
                 f"range {scale.from_si(bounds.low):.6g} .. {scale.from_si(bounds.high):.6g} {scale.text}", free.place,
                 f"Widen the range, or change the value in {where}."))
-    return found
+    return outside
 
 
 class Residuals:
@@ -251,13 +251,13 @@ class Residuals:
     def _orders(self) -> list[tuple[int, int]]:
         """Pairs of columns whose first must not be below the second (`requires: [F_s >= F_c]`, both free)."""
         at = {(c.free.name, c.record): k for k, c in enumerate(self.columns)}
-        found = []
+        ordered_pairs = []
         for leaf in self.runs[0].assembly.flat.expanded.leaves.values():
             for ends in leaf.component.orders:
                 high, low = (f"{leaf.path}.{end}" for end in ends)
-                found += [(k, at.get((low, record), at.get((low, ""), -1)))
-                          for (name, record), k in at.items() if name == high]
-        return [(high, low) for high, low in found if low >= 0]
+                ordered_pairs += [(k, at.get((low, record), at.get((low, ""), -1)))
+                                  for (name, record), k in at.items() if name == high]
+        return [(high, low) for high, low in ordered_pairs if low >= 0]
 
     def _hair(self, high: int) -> float:
         """The least distance of two ordered values, because some laws divide by it."""
@@ -313,45 +313,45 @@ class Residuals:
         key = inner.tobytes()
         if key in self._known:
             return self._known[key]
-        asked, inner = inner, self.allowed(inner)
+        requested, inner = inner, self.allowed(inner)
         parts, blocks, ended = [], [], False
         for run in self.runs:
             try:
-                wrong, moved = self._one(run, inner, most)
+                wrong, slopes = self._one(run, inner, most)
             except Exceeded:
-                ended, (wrong, moved) = True, _broken(run)
+                ended, (wrong, slopes) = True, _broken(run)
             most -= float(wrong @ wrong)
             block = np.zeros((len(wrong), len(self.columns)))
             for k, column in enumerate(self.columns):
                 if column.record in ("", run.record.name):
-                    block[:, k] = moved[run.names.index(column.free.name)] * column.slope(inner[k])
+                    block[:, k] = slopes[run.names.index(column.free.name)] * column.slope(inner[k])
             parts.append(wrong)
             blocks.append(block)
         self.evaluations += 1
         jacobian = np.vstack(blocks)
         for high, low in self.orders:
-            if inner[high] != asked[high]:  # it is limited by the lower one
+            if inner[high] != requested[high]:  # it is limited by the lower one
                 ratio = self.columns[low].slope(inner[low]) / self.columns[high].slope(inner[high])
                 # its column stays: the value may rise from there
                 jacobian[:, low] += jacobian[:, high] * ratio
-        found = np.concatenate(parts), jacobian
+        result = np.concatenate(parts), jacobian
         if not ended:
             if len(self._known) == KEPT:
                 del self._known[next(iter(self._known))]
-            self._known[key] = found
-        return found
+            self._known[key] = result
+        return result
 
     limit_passed: Problem | None = None  # the limit of the last run that ended at one
 
     def _one(self, run: Run, inner: Array, most: float) -> tuple[Array, Array]:
         """A record's residuals; a failed run is a large residual, not an error."""
         try:
-            wrong, moved = run.residuals(self.values_of(inner, run.record.name), most)
+            wrong, slopes = run.residuals(self.values_of(inner, run.record.name), most)
         except (ModelError, SimulationError, StartError) as error:
             if error.problems[0].code == "run-physical":
                 self.limit_passed = error.problems[0]
             return _broken(run)
-        return (wrong, moved) if np.all(np.isfinite(wrong)) and np.all(np.isfinite(moved)) else _broken(run)
+        return (wrong, slopes) if np.all(np.isfinite(wrong)) and np.all(np.isfinite(slopes)) else _broken(run)
 
     def broken(self, inner: Array) -> float:
         """The share of the fitted samples in records whose runs fail."""
@@ -435,8 +435,8 @@ class Residuals:
             # both methods reject a step that increases the sum of squares, by any amount
             most = np.inf if robust or not costs else (1 + ROUNDING) * min(costs) - float(prior[0] @ prior[0])
             data = self.evaluate(inner, most)
-            found = np.concatenate([data[0], prior[0]]), np.vstack([data[1], prior[1]])[:, moving] * span
-            return found if robust else condensed(*found)
+            residuals_and_jacobian = np.concatenate([data[0], prior[0]]), np.vstack([data[1], prior[1]])[:, moving] * span
+            return residuals_and_jacobian if robust else condensed(*residuals_and_jacobian)
 
         def values(y: Array) -> Array:
             nonlocal best
@@ -461,9 +461,10 @@ class Residuals:
         # and pascals differ in size
         inside = np.clip(1 + (start[moving] - low) / span, 1 + 1e-6, 2 - 1e-6)
         try:
-            found = least_squares(values, inside, jac=jacobian, bounds=(1.0, 2.0), method=method, max_nfev=most,
-                                  loss="soft_l1" if robust else "linear", xtol=tolerance, ftol=tolerance, gtol=1e-8)
-            ended = found.x, float(found.cost), str(found.message), found.status == 0
+            solution = least_squares(values, inside, jac=jacobian, bounds=(1.0, 2.0), method=method,
+                                                   max_nfev=most,
+                                     loss="soft_l1" if robust else "linear", xtol=tolerance, ftol=tolerance, gtol=1e-8)
+            ended = solution.x, float(solution.cost), str(solution.message), solution.status == 0
         except _Enough as said:
             ended = best, min(costs) / 2, str(said), str(said) == GIVEN_UP
         except BaseException as error:
@@ -507,13 +508,13 @@ def condensed(residuals: Array, jacobian: Array) -> tuple[Array, Array]:
     errors."""
     felt = np.any(jacobian != 0, axis=0)
     if not felt.all() and felt.any():
-        seen, part = condensed(residuals, jacobian[:, felt])
-        own = np.append(felt, True)  # the row of the remainder is last
-        whole, over = np.zeros(len(own)), np.zeros((len(own), len(felt)))
-        whole[own], over[np.ix_(own, felt)] = seen, part
-        over[~own, ~felt] = np.abs(part).max()
+        projected, part = condensed(residuals, jacobian[:, felt])
+        kept_columns = np.append(felt, True)  # the row of the remainder is last
+        whole, over = np.zeros(len(kept_columns)), np.zeros((len(kept_columns), len(felt)))
+        whole[kept_columns], over[np.ix_(kept_columns, felt)] = projected, part
+        over[~kept_columns, ~felt] = np.abs(part).max()
         return whole, over
     Q, R = np.linalg.qr(jacobian)
-    seen = Q.T @ residuals
-    rest = np.sqrt(max(float(residuals @ residuals - seen @ seen), 0.0))
-    return np.append(seen, rest), np.vstack([R, np.zeros((1, R.shape[1]))])
+    projected = Q.T @ residuals
+    remainder = np.sqrt(max(float(residuals @ residuals - projected @ projected), 0.0))
+    return np.append(projected, remainder), np.vstack([R, np.zeros((1, R.shape[1]))])

@@ -62,12 +62,12 @@ def start_folder(folder: Path, origin: str | None = None) -> StarterFolder:
 
 def _machine(origin: str) -> Path:
     """The folder of a bundled machine."""
-    found = bundled("models") / origin
+    machine_folder = bundled("models") / origin
     known = [p.name for p in sorted(bundled("models").iterdir()) if (p / f"{p.name}.yaml").is_file()]
     if origin not in known:
         raise UsageError([Problem("machine-unknown", f"there is no bundled machine '{origin}'", None,
                                   suggest(origin, known) or f"Machines: {listing(known)}.")])
-    return found
+    return machine_folder
 
 
 # -- a rig of one load -----------------------------------------------------------------------------------------------
@@ -136,8 +136,8 @@ def _readme(name: str, machine: str, diagrams: list[Path], experiments: list[Pat
         parts += [f"heavebond compare {experiments[0].name} --output compared.png",
                   f"heavebond diagnose {experiments[0].name}"]
     parts += [f"heavebond tune {path.name}" for path in studies] + ["```", ""]
-    for what, paths in (("Diagrams", diagrams), ("Experiments", experiments), ("Studies", studies)):
-        parts += [f"* {what}: {', '.join(f'`{path.name}`' for path in paths)}."] if paths else []
+    for heading, paths in (("Diagrams", diagrams), ("Experiments", experiments), ("Studies", studies)):
+        parts += [f"* {heading}: {', '.join(f'`{path.name}`' for path in paths)}."] if paths else []
     if not experiments and (Path(first).parent / "data").is_dir():
         parts += ["", "The records are not part of heavebond; `data/README.md` states their source."]
     return "\n".join(parts) + "\n"

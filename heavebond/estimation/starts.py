@@ -45,26 +45,26 @@ class Starts:
         """Ends of the descents, in the order of the starts. With `partial` an interrupt returns the completed ones, the
         last of them with the message ENDED_EARLY."""
         digests = [self._digest(problem, point) for point in self.points] if kept is not None else []
-        found: dict[int, Descent] = {}
+        completed: dict[int, Descent] = {}
         for k, digest in enumerate(digests):
             with suppress(LookupError, TypeError, ValueError):
                 assert kept is not None
                 entry = kept.get(digest) or {}
-                found[k] = Descent.from_dict(entry)
+                completed[k] = Descent.from_dict(entry)
                 problem.evaluations += int(entry["evaluations"])
-        left = [k for k in range(len(self.points)) if k not in found]
-        coming = self._here(problem, left, say) if cluster is None else self._elsewhere(problem, left, say, cluster)
+        waiting = [k for k in range(len(self.points)) if k not in completed]
+        coming = self._here(problem, waiting, say) if cluster is None else self._elsewhere(problem, waiting, say, cluster)
         try:
             for k, descent, evaluations in coming:
-                found[k] = descent
+                completed[k] = descent
                 if kept is not None and descent.message != ENDED_EARLY:
                     kept.add(digests[k], {**descent.as_dict(), "evaluations": evaluations})
         except KeyboardInterrupt:
-            if not self.partial or not found:
+            if not self.partial or not completed:
                 raise
             clear_signal()
-            return self._ended(found)
-        return self._ended(found) if any(d.message == ENDED_EARLY for d in found.values()) else _in_order(found)
+            return self._ended(completed)
+        return self._ended(completed) if any(d.message == ENDED_EARLY for d in completed.values()) else _in_order(completed)
 
     def lower(self, problem: Residuals, runs: Sequence[Descent], seed: int, say: Progress) -> list[Descent]:
         """The descents, and one more from a point of the ranges whose sum of squares is already below the best end: the
@@ -73,8 +73,8 @@ class Starts:
         least, lowest = min(2 * run.cost for run in runs), None
         try:
             for point in problem.starting_points(AROUND + 1, seed)[1:]:
-                if (found := problem.cost(point, least)) < least:
-                    least, lowest = found, point
+                if (cost_at_point := problem.cost(point, least)) < least:
+                    least, lowest = cost_at_point, point
             return [*runs, self._descended(problem, lowest, say)] if lowest is not None else [*runs]
         except KeyboardInterrupt:
             if not self.partial:
@@ -98,9 +98,9 @@ class Starts:
         shared = packed(problem.experiment)
         jobs = [(k, (shared, replace(self, points=[self.points[k]], partial=False))) for k in numbers]
         say(f"start 1 of {len(self.points)}")
-        for done, (k, (descent, evaluations)) in enumerate(as_done(cluster, _followed, jobs, cluster.ahead), 1):
+        for completed_count, (k, (descent, evaluations)) in enumerate(as_done(cluster, _followed, jobs, cluster.ahead), 1):
             problem.evaluations += evaluations
-            say(f"{len(self.points) - len(numbers) + done} of {len(self.points)} starts: chi-square per sample "
+            say(f"{len(self.points) - len(numbers) + completed_count} of {len(self.points)} starts: chi-square per sample "
                 f"{2 * descent.cost / problem.samples:.4g}")
             yield k, descent, evaluations
 
@@ -120,35 +120,35 @@ class Starts:
         each = EXCERPTS.max_extension * EXCERPTS.excerpt // len(problem.runs)
         begun = [replace(run.record, end=float(run.found.grid[min(each, len(run.found.grid)) - 1])) for run in problem.runs]
         try:
-            found = Residuals(problem.experiment, begun).minimise(
+            descent_of_beginnings = Residuals(problem.experiment, begun).minimise(
                 start, self.robust, lambda text: say(f"beginning of the records: {text}"), tolerance=1e-6,
                 partial=self.partial, settle=not self.robust)
         except HeavebondError:  # one of them has no samples of a channel there
-            found = Descent(start, np.inf, (), "")
-        if found.message == ENDED_EARLY:
-            return found
+            descent_of_beginnings = Descent(start, np.inf, (), "")
+        if descent_of_beginnings.message == ENDED_EARLY:
+            return descent_of_beginnings
         try:
-            if len(found.history):
-                wrong, prior = problem.evaluate(found.x)[0], problem.priors(found.x)[0]
-                left = float(wrong @ wrong + prior @ prior)
-                start = start if problem.cost(start, left) < left else found.x
+            if len(descent_of_beginnings.history):
+                wrong, prior = problem.evaluate(descent_of_beginnings.x)[0], problem.priors(descent_of_beginnings.x)[0]
+                sum_of_squares = float(wrong @ wrong + prior @ prior)
+                start = start if problem.cost(start, sum_of_squares) < sum_of_squares else descent_of_beginnings.x
             return problem.minimise(start, self.robust, say, partial=self.partial, settle=not self.robust)
         except KeyboardInterrupt:
-            if not (self.partial and len(found.history)):
+            if not (self.partial and len(descent_of_beginnings.history)):
                 raise
             clear_signal()
-            return replace(found, message=ENDED_EARLY)
+            return replace(descent_of_beginnings, message=ENDED_EARLY)
 
     def _digest(self, problem: Residuals, point: Array) -> str:
-        made = hashlib.sha256(repr((VERSION, problem.runs[0].simulator.tolerances, problem.columns, self.segments,
-                                    self.robust)).encode())
+        digest = hashlib.sha256(repr((VERSION, problem.runs[0].simulator.tolerances, problem.columns, self.segments,
+                                      self.robust)).encode())
         for array in (*problem.evaluate(problem.start), point):
-            made.update(np.ascontiguousarray(array).tobytes())
+            digest.update(np.ascontiguousarray(array).tobytes())
         for run in problem.runs:
-            made.update(run.record.name.encode())
+            digest.update(run.record.name.encode())
             for samples in (run.found.grid, run.measured, run.counts, run.noise):
-                made.update(np.ascontiguousarray(samples).tobytes())
-        return made.hexdigest()
+                digest.update(np.ascontiguousarray(samples).tobytes())
+        return digest.hexdigest()
 
 
 def _in_order(found: dict[int, Descent]) -> list[Descent]:

@@ -68,14 +68,15 @@ TIMES = ("us", "ms", "s", "min", "h")
 def declared_otherwise(table: Table, column: str, unit: str) -> str | None:
     """A remark if a file states another unit for a column than the `unit` of the experiment; None if they agree or the
     file states none. A suffix after an underscore counts only if it is a unit of the same dimension."""
-    found = table.unit_of(column)
-    if found is None:
+    unit_of_file = table.unit_of(column)
+    if unit_of_file is None:
         return None
-    text, said, sure = found
-    given = read_unit(unit)
-    said = as_meant(said, given)
-    same_kind = said.dimension == given.dimension
-    if same_kind and math.isclose(said.scale, given.scale, rel_tol=1e-6) and said.offset == given.offset:
+    text, unit_read, sure = unit_of_file
+    unit_of_experiment = read_unit(unit)
+    unit_read = as_meant(unit_read, unit_of_experiment)
+    same_kind = unit_read.dimension == unit_of_experiment.dimension
+    if same_kind and math.isclose(unit_read.scale, unit_of_experiment.scale,
+                                  rel_tol=1e-6) and unit_read.offset == unit_of_experiment.offset:
         return None
     if not same_kind and not sure:
         return None
@@ -91,19 +92,19 @@ def time_seems_in(time: Array, until: float, every: float, unit: str) -> str:
     if not (min(ratios) > UNIT_CHECKS.time_ratio or max(ratios) < 1 / UNIT_CHECKS.time_ratio):
         return ""
     near = math.sqrt(UNIT_CHECKS.time_ratio)
-    for other in TIMES:
-        factor = read_unit(other).scale / read_unit(unit).scale
+    for candidate in TIMES:
+        factor = read_unit(candidate).scale / read_unit(unit).scale
         if all(1 / near < ratio * factor < near for ratio in ratios):
-            return other
+            return candidate
     return ""
 
 
 def length_seems_in(length: float, whole: float, unit: str) -> str:
     """The unit in which a duration, read in `unit`, would nearly equal `whole` (both in s); empty without one."""
-    for other in TIMES:
-        factor = read_unit(other).scale / read_unit(unit).scale
-        if other != unit and length > 0 and abs(length * factor / whole - 1) < UNIT_CHECKS.duration_left:
-            return other
+    for candidate in TIMES:
+        factor = read_unit(candidate).scale / read_unit(unit).scale
+        if candidate != unit and length > 0 and abs(length * factor / whole - 1) < UNIT_CHECKS.duration_left:
+            return candidate
     return ""
 
 
@@ -115,8 +116,8 @@ def seems_in_another_unit(measured: Array, model: Array, unit: str, declared: Un
     if alike < UNIT_CHECKS.alike or max(factor, 1 / factor) < UNIT_CHECKS.unit_ratio:
         return None
     given = read_unit(unit)
-    off = {text: abs(math.log(factor * other.scale / given.scale)) for text in USUAL if text != unit
-           for other in [read_unit(text)] if _same_kind(given, other)}
+    off = {text: abs(math.log(factor * candidate.scale / given.scale)) for text in USUAL if text != unit
+           for candidate in [read_unit(text)] if _same_kind(given, candidate)}
     best = min(off, key=lambda text: off[text], default=unit)
     if best == unit or off[best] > math.log(UNIT_CHECKS.unit_left):
         return None
@@ -165,21 +166,21 @@ def seems_without_sign(measured: Array, model: Array, formula: str) -> str | Non
 def seems_from_another_zero(measured: Array, model: Array, unit: str, formula: str) -> str | None:
     """A remark if record (n,) and model (n,), both in `unit`, differ by the distance of the two usual zeros of a pressure
     (vacuum and atmosphere) or a temperature (0 K and 0 degC), and by little else."""
-    given = read_unit(unit)
-    residual = given.scale * (measured - model)
+    declared = read_unit(unit)
+    residual = declared.scale * (measured - model)
     mean = float(np.mean(residual))
-    between = {read_unit("Pa").dimension: ATMOSPHERE, read_unit("K").dimension: ZERO_CELSIUS}.get(given.dimension)
+    between = {read_unit("Pa").dimension: ATMOSPHERE, read_unit("K").dimension: ZERO_CELSIUS}.get(declared.dimension)
     if between is None or abs(abs(mean) / between - 1) > UNIT_CHECKS.zero_left or \
             mean**2 < UNIT_CHECKS.zero_share * float(np.mean(residual**2)):
         return None
     side = "below" if mean < 0 else "above"
     if between == ZERO_CELSIUS:
-        other = "K" if mean > 0 else "degC"
-        return f"lies {number(abs(mean), 3)} K {side} the model: write `unit: {other}` in place of `unit: {unit}`"
-    sensor, meant = ("above the atmosphere (gauge)", "absolute") if mean < 0 else ("absolute", "above the atmosphere")
-    return f"lies {number(abs(mean) / given.scale, 3)} {unit} {side} the model throughout, about the pressure of the " \
-        f"atmosphere: if the sensor shows pressure {sensor} and the model's is {meant}, write " \
-        f"`is: {formula} {'-' if mean < 0 else '+'} {number(ATMOSPHERE / given.scale, 6)} {unit}`"
+        probable_unit = "K" if mean > 0 else "degC"
+        return f"lies {number(abs(mean), 3)} K {side} the model: write `unit: {probable_unit}` in place of `unit: {unit}`"
+    sensor, wanted = ("above the atmosphere (gauge)", "absolute") if mean < 0 else ("absolute", "above the atmosphere")
+    return f"lies {number(abs(mean) / declared.scale, 3)} {unit} {side} the model throughout, about the pressure of the " \
+        f"atmosphere: if the sensor shows pressure {sensor} and the model's is {wanted}, write " \
+        f"`is: {formula} {'-' if mean < 0 else '+'} {number(ATMOSPHERE / declared.scale, 6)} {unit}`"
 
 
 def _same_kind(one: Unit, other: Unit) -> bool:
@@ -189,7 +190,7 @@ def _same_kind(one: Unit, other: Unit) -> bool:
 def _likeness(measured: Array, model: Array) -> tuple[float, float]:
     """Ratio of the standard deviations of record and model, and their correlation; (1, 0) if one of them is constant."""
     y, m = measured - np.mean(measured), model - np.mean(model)
-    size, other = float(np.sqrt(y @ y)), float(np.sqrt(m @ m))
-    if min(size, other) <= 1e-12 * max(size, other, float(np.abs(model).max()) * math.sqrt(len(model))):
+    size, model_size = float(np.sqrt(y @ y)), float(np.sqrt(m @ m))
+    if min(size, model_size) <= 1e-12 * max(size, model_size, float(np.abs(model).max()) * math.sqrt(len(model))):
         return 1.0, 0.0
-    return size / other, float(y @ m) / (size * other)
+    return size / model_size, float(y @ m) / (size * model_size)

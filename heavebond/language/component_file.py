@@ -56,8 +56,8 @@ class _Parser:
 
     def component(self) -> Component:
         root, problems = self.source.root, self.problems
-        what = f"component '{reading.text(root.items.get('component'), 'component', problems)}'"
-        reading.known_keys(root, COMPONENT_KEYS, what, problems, required=("component", "summary"))
+        subject = f"component '{reading.text(root.items.get('component'), 'component', problems)}'"
+        reading.known_keys(root, COMPONENT_KEYS, subject, problems, required=("component", "summary"))
         for key in ("extends", "set"):
             if key in root.items:
                 problems.add("extends-missing", "`extends:` is not the name of a component" if key == "extends" else
@@ -115,17 +115,18 @@ class _Parser:
         if entry is None:
             return None
         reading.known_keys(entry, ("of", "by"), f"delay of '{key.text}'", self.problems, ("of", "by"))
-        for other in ("held", "start", "physical", "count"):
-            if other in node.items:
-                self.problems.add("delayed-twice", f"'{key.text}' has `delayed:` and `{other}:`", node.keys[other].place,
+        for other_key in ("held", "start", "physical", "count"):
+            if other_key in node.items:
+                self.problems.add("delayed-twice", f"'{key.text}' has `delayed:` and `{other_key}:`",
+                                  node.keys[other_key].place,
                                   hint="A delayed variable is one number that its source determines; remove the other key.")
         of, by = reading.text(entry.items.get("of"), "of", self.problems), self._formula(entry, "by")
         return None if by is None else Delayed(of, by, entry.place)
 
     def _units_checked(self, node: Node | None) -> bool:
-        said = reading.text(node, "units", self.problems)
-        if node is not None and said != "unchecked":
-            self.problems.add("units-unknown", f"`units: {said}` has no meaning", node.place,
+        word = reading.text(node, "units", self.problems)
+        if node is not None and word != "unchecked":
+            self.problems.add("units-unknown", f"`units: {word}` has no meaning", node.place,
                               hint="Write `units: unchecked`, or leave the key out: units are checked then.")
         return node is None
 
@@ -133,27 +134,27 @@ class _Parser:
                  ) -> dict[str, float]:
         """Values that are set when the dry friction of a component is linearised in sliding, in SI."""
         entries = reading.mapping(node, "sliding", self.problems, "Write `sliding: {F_c: 0 N}`.")
-        found: dict[str, float] = {}
+        values: dict[str, float] = {}
         held = {name: variable for name, variable in variables.items() if variable.held is not None}
-        own: dict[str, Parameter | Variable] = {**parameters, **held}
+        declared: dict[str, Parameter | Variable] = {**parameters, **held}
         for name, item in (entries.items if entries else {}).items():
-            if name not in own:
+            if name not in declared:
                 self.problems.add("sliding-unknown", f"`sliding`: '{name}' is neither a parameter nor a held variable of "
-                                                     "this component", item.place, hint=suggest(name, own))
+                                                     "this component", item.place, hint=suggest(name, declared))
                 continue
             assert entries is not None
-            number = self._bound(entries, name, own[name].unit, entries.keys[name])
+            number = self._bound(entries, name, declared[name].unit, entries.keys[name])
             if number is not None:
-                found[name] = number
-        return found
+                values[name] = number
+        return values
 
     def _power(self, node: Node | None) -> str:
-        said = reading.text(node, "power", self.problems)
-        if node is not None and said != "source" and not re.match(r"controlled, \w", said):
-            self.problems.add("power-unknown", f"`power: {said}` has no meaning", node.place,
+        word = reading.text(node, "power", self.problems)
+        if node is not None and word != "source" and not re.match(r"controlled, \w", word):
+            self.problems.add("power-unknown", f"`power: {word}` has no meaning", node.place,
                               hint="Write `power: source`, or `power: controlled,` and the reason; remove it if power is "
                                    "balanced.")
-        return said
+        return word
 
     def _ports(self, node: Node | None) -> tuple[dict[str, Port], dict[str, SignalPort]]:
         ports: dict[str, Port] = {}
@@ -266,27 +267,27 @@ class _Parser:
         `unit` is None if the declared unit could not be read, which is reported already.
         """
         item = node.items.get(name)
-        found = reading.value(item, f"{name} of {key.text}", self.problems) if item is not None else None
-        if found is None:
+        quantity = reading.value(item, f"{name} of {key.text}", self.problems) if item is not None else None
+        if quantity is None:
             return None
-        number = constant(found.expr)
+        number = constant(quantity.expr)
         if number is None:
-            self.problems.add("not-a-quantity", f"{name} of {key.text} must be a plain quantity", found.place,
+            self.problems.add("not-a-quantity", f"{name} of {key.text} must be a plain quantity", quantity.place,
                               hint="Write a number with its unit.")
             return None
-        given = found.expr.unit if isinstance(found.expr, Number) else None
-        if unit is None or (is_generic(unit.dimension) and given is None):
+        unit_given = quantity.expr.unit if isinstance(quantity.expr, Number) else None
+        if unit is None or (is_generic(unit.dimension) and unit_given is None):
             return number
         try:
-            if unit.dimension != ONE or given is not None:
-                check_unit(given, unit, number, found.text)
+            if unit.dimension != ONE or unit_given is not None:
+                check_unit(unit_given, unit, number, quantity.text)
         except UnitProblem as problem:
-            self.problems.add(problem.code, f"{name} of {key.text}: {problem.message}", found.place, hint=problem.hint)
+            self.problems.add(problem.code, f"{name} of {key.text}: {problem.message}", quantity.place, hint=problem.hint)
         return number
 
     def _equations(self, node: Node | None) -> tuple[EquationLine, ...]:
-        found = (self._equation(*line) for line in equation_lines(node, self.problems))
-        return tuple(equation for equation in found if equation is not None)
+        equation_list = (self._equation(*line) for line in equation_lines(node, self.problems))
+        return tuple(equation for equation in equation_list if equation is not None)
 
     def _equation(self, content: str, label: str, place: Place) -> EquationLine | None:
         each = None
@@ -319,12 +320,12 @@ class _Parser:
         return self._formula(entry, "power"), reading.text(entry.items.get("why"), "why", self.problems)
 
     def _requires(self, node: Node | None) -> tuple[Formula, ...]:
-        found = [self._requirement(word) for word in reading.words(node, "requires", self.problems)]
-        return tuple(f for f in found if f is not None)
+        requirements = [self._requirement(word) for word in reading.words(node, "requires", self.problems)]
+        return tuple(f for f in requirements if f is not None)
 
     def _requirement(self, word: Scalar) -> Formula | None:
         """A comparison; `x[i] < x[i + 1] for i in 1..n - 1` is true if no i violates it."""
-        body, loop, rest = word.text.partition(" for ")
-        counted = f"sum(if_else({body}, 0, 1) for {rest}) == 0"
+        body, loop, ranges = word.text.partition(" for ")
+        counted = f"sum(if_else({body}, 0, 1) for {ranges}) == 0"
         read = reading.formula_of(replace(word, text=counted) if loop else word, "requires", self.problems)
         return read if read is None else replace(read, text=word.text)

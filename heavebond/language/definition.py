@@ -260,8 +260,8 @@ class Parameter:
 
 def rate_of(text: str) -> str | None:
     """The variable of which `der(v)` is the rate; None for any other text."""
-    found = re.fullmatch(r"der\((.+)\)", text)
-    return found[1] if found is not None else None
+    rate_match = re.fullmatch(r"der\((.+)\)", text)
+    return rate_match[1] if rate_match is not None else None
 
 
 @dataclass(frozen=True)
@@ -511,13 +511,13 @@ class Component:
     @property
     def orders(self) -> tuple[tuple[str, str], ...]:
         """Pairs of parameters whose first must not be below the second (`requires: [x_max > x_min]`)."""
-        found = []
+        pairs = []
         for formula in self.requires:
             tree = formula.tree
             if isinstance(tree, Compare) and isinstance(tree.left, Name) and isinstance(tree.right, Name):
                 ends = (tree.left.text, tree.right.text)
-                found.append(ends if tree.op in (">", ">=") else ends[::-1])
-        return tuple(found)
+                pairs.append(ends if tree.op in (">", ">=") else ends[::-1])
+        return tuple(pairs)
 
     @cached_property
     def widths(self) -> frozenset[str]:

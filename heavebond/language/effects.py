@@ -40,10 +40,10 @@ def read_search_range(node: Node | None, unit: Unit, variables: Dictionary[str, 
                       ) -> SearchRange | None:
     """Read `1 .. 200 mm/s`, or `seen s`: the range of the component's variable s in the records; or `middle s`, `half s`,
     `peak s`: a fixed value computed from that motion."""
-    said = reading.text(node, what, problems)
-    if node is None or not said:
+    content = reading.text(node, what, problems)
+    if node is None or not content:
         return None
-    first, _, name = said.partition(" ")
+    first, _, name = content.partition(" ")
     if first in ("seen", *HELD):
         if name not in variables:
             problems.add("effect-seen-unknown", f"{what} is sought over the motion of '{name}', which is not a variable "
@@ -56,13 +56,13 @@ def read_search_range(node: Node | None, unit: Unit, variables: Dictionary[str, 
             return None
         return SearchRange(None, name, node.place, first if first in HELD else "")
     try:
-        found = parse_range(said)
-        _check_ends(found, unit, said)
+        range_read = parse_range(content)
+        _check_ends(range_read, unit, content)
     except UnitProblem as problem:
         problems.add(problem.code, f"{what}: {problem.message}", node.place,
                      hint=problem.hint or "Write `1 .. 200 mm/s`, or `seen s` with a variable s of the component.")
         return None
-    return SearchRange(found, "", node.place)
+    return SearchRange(range_read, "", node.place)
 
 
 WORDS = ("part", "place")  # fields of `meaning:` besides the ports: the name of the part, and the place in words
@@ -93,16 +93,16 @@ def read_typical(node: Node | None, unit: Unit, what: str, problems: Problems) -
     if entry is None:
         return None
     reading.known_keys(entry, ("range", "source"), f"typical values of {what}", problems, ("source",))
-    found: Range | None = None
-    said = reading.text(entry.items.get("range"), "range", problems)
+    range_read: Range | None = None
+    content = reading.text(entry.items.get("range"), "range", problems)
     try:
-        if said:
-            found = parse_range(said)
-            _check_ends(found, unit, said)
+        if content:
+            range_read = parse_range(content)
+            _check_ends(range_read, unit, content)
     except UnitProblem as problem:
         problems.add(problem.code, f"{what}: {problem.message}", entry.items["range"].place, hint=problem.hint)
-        found = None
-    return Typical(found, reading.text(entry.items.get("source"), "source", problems))
+        range_read = None
+    return Typical(range_read, reading.text(entry.items.get("source"), "source", problems))
 
 
 def _check_ends(found: Range, unit: Unit, said: str) -> None:
@@ -132,7 +132,7 @@ class EffectReader:
         reading.known_keys(entry, KEYS, "effect", self.problems, ("class", "description"))
         also = self._also(entry.items.get("also"))
         attaches = self._attaches(entry, also)
-        found = Effect(
+        effect = Effect(
             reading.text(entry.items.get("class"), "class", self.problems),
             reading.text(entry.items.get("description"), "description", self.problems), attaches,
             self._amplitude(entry), self._shapes(entry.items.get("search_range"), "search_range"), also,
@@ -142,15 +142,15 @@ class EffectReader:
             self._requires(entry.items.get("requires")), self._acts(entry.items.get("acts")),
             self._varies_with(entry.items.get("varies_with"), attaches))
         self._check(entry)
-        self._check_meaning(found.meaning, () if found.replaces else tuple(self.ports))
-        return found
+        self._check_meaning(effect.meaning, () if effect.replaces else tuple(self.ports))
+        return effect
 
     def _attaches(self, entry: Mapping, also: Dictionary[str, str]) -> tuple[str, ...]:
-        found = []
+        attachments = []
         node = entry.items.get("attaches")
         # items of a list are single words; a plain text may contain a space (`in series`)
-        said = [node] if isinstance(node, Scalar) else reading.words(node, "attaches", self.problems)
-        for word in said:
+        entries = [node] if isinstance(node, Scalar) else reading.words(node, "attaches", self.problems)
+        for word in entries:
             if word.text not in ATTACHES:
                 self.problems.add("effect-attaches", f"an effect cannot attach '{word.text}'", word.place,
                                   hint=suggest(word.text, ATTACHES) or f"Write {either(ATTACHES, 'or')}.")
@@ -158,8 +158,8 @@ class EffectReader:
                 self.problems.add("effect-ports", f"an effect that attaches '{word.text}' needs {why}", word.place,
                                   hint=f"This one has {self._has()}.")
             else:
-                found.append(word.text)
-        return tuple(found)
+                attachments.append(word.text)
+        return tuple(attachments)
 
     def _unsuited(self, word: str, also: Dictionary[str, str]) -> str:
         """The ports that are missing for a way of attaching; empty if they suit. Ports under `also:` do not count."""
@@ -178,15 +178,15 @@ class EffectReader:
         return "" if fits else "one signal in and one signal out of the same unit, and no power port"
 
     def _varies_with(self, node: Node | None, attaches: tuple[str, ...]) -> tuple[str, ...]:
-        found = []
+        varied = []
         for word in reading.words(node, "varies_with", self.problems):
             if word.text in VARIES_WITH and "parameter" in attaches:
-                found.append(word.text)
+                varied.append(word.text)
             else:
                 self.problems.add("effect-varies", f"an effect cannot vary with '{word.text}'" if "parameter" in attaches
                                   else "only an effect that attaches 'parameter' varies with something", word.place,
                                   hint=f"Write `attaches: parameter` and {either(VARIES_WITH, 'or')}.")
-        return tuple(found)
+        return tuple(varied)
 
     def _has(self) -> str:
         """The ports in words: `a (translational), b (translational), u (signal in)`."""
@@ -199,17 +199,17 @@ class EffectReader:
         return [(entries.keys[name], item) for name, item in entries.items.items()] if entries else []
 
     def _parameter(self, name: str, place: Place) -> Parameter | None:
-        found = self.parameters.get(name)
-        if found is None:
+        parameter = self.parameters.get(name)
+        if parameter is None:
             self.problems.add("effect-parameter", f"'{name}' is not a parameter of this component", place,
                               hint=suggest(name, self.parameters) or f"Parameters: {listing(self.parameters)}.")
-        return found
+        return parameter
 
     def _amplitude(self, entry: Mapping) -> dict[str, SearchRange | None]:
         node, starts = entry.items.get("amplitude"), _named(entry.items.get("start"))
         if isinstance(node, Mapping):
             return dict(self._shapes(node, "amplitude"))
-        found: dict[str, SearchRange | None] = {}
+        amplitudes: dict[str, SearchRange | None] = {}
         for word in reading.words(node, "amplitude", self.problems):
             parameter = self._parameter(word.text, word.place)
             if parameter is not None and word.text not in starts and ((parameter.low or 0) > 0 or (parameter.high or 0) < 0):
@@ -218,21 +218,21 @@ class EffectReader:
                 self.problems.add("effect-amplitude", f"'{word.text}' cannot be 0, the value of an absent effect",
                                   word.place, hint=f"Give its range: `amplitude: {{{word.text}: low .. high}}`.{start}")
             elif parameter is not None:
-                found[word.text] = None
-        return found
+                amplitudes[word.text] = None
+        return amplitudes
 
     def _shapes(self, node: Node | None, what: str) -> dict[str, SearchRange]:
-        found = {}
+        shapes = {}
         for key, item in self._entries(node, what):
             parameter = self._parameter(key.text, key.place)
             if parameter is not None:
-                given = read_search_range(item, parameter.unit, self.variables, key.text, self.problems)
-                if given is not None:
-                    found[key.text] = given
-        return found
+                search_range = read_search_range(item, parameter.unit, self.variables, key.text, self.problems)
+                if search_range is not None:
+                    shapes[key.text] = search_range
+        return shapes
 
     def _also(self, node: Node | None) -> dict[str, str]:
-        found = {}
+        domains_of_ports = {}
         for key, item in self._entries(node, "also"):
             if key.text not in self.ports:
                 self.problems.add("effect-also", f"'{key.text}' is not a power port of this component", key.place,
@@ -241,27 +241,27 @@ class EffectReader:
                 self.problems.add("effect-also", f"port '{key.text}' is {self.ports[key.text].domain}", item.place,
                                   hint=f"Write `also: {{{key.text}: {self.ports[key.text].domain}}}`.")
             else:
-                found[key.text] = domain
-        return found
+                domains_of_ports[key.text] = domain
+        return domains_of_ports
 
     def _start(self, node: Node | None) -> dict[str, Formula]:
-        found = {}
+        start_formulas = {}
         for key, item in self._entries(node, "start"):
             formula = reading.formula_of(item, key.text, self.problems)
             if self._parameter(key.text, key.place) is not None and formula is not None:
-                found[key.text] = formula
-        return found
+                start_formulas[key.text] = formula
+        return start_formulas
 
     def _settled(self, node: Node | None) -> tuple[str, ...]:
-        found = []
+        settled_names = []
         for word in reading.words(node, "settled", self.problems):
             name = rate_of(word.text) or word.text
             if name in self.variables:
-                found.append(word.text)
+                settled_names.append(word.text)
             else:
                 self.problems.add("effect-settled", f"'{name}' is not a variable of this component", word.place,
                                   hint=suggest(name, self.variables) or f"Variables: {listing(self.variables)}.")
-        return tuple(found)
+        return tuple(settled_names)
 
     def _check_meaning(self, meaning: Meaning | None, ports: tuple[str, ...]) -> None:
         """Check that each field is a word, one of the `ports`, or a formula of parameters with a unit."""
@@ -283,7 +283,7 @@ class EffectReader:
 
     def _requires(self, node: Node | None) -> dict[str, tuple[str, ...]]:
         """Kinds of components on the node of a port, or `reverses` of a variable."""
-        found = {}
+        requirements = {}
         for key, item in self._entries(node, "requires"):
             kinds = tuple(word.text for word in reading.words(item, key.text, self.problems))
             if key.text not in {**self.ports, **self.variables}:
@@ -293,8 +293,8 @@ class EffectReader:
                 self.problems.add("effect-requires", f"for a variable, `requires:` may only be `{REVERSES}`", item.place,
                                   hint=f"Write `requires: {{{key.text}: {REVERSES}}}`.")
             else:
-                found[key.text] = kinds
-        return found
+                requirements[key.text] = kinds
+        return requirements
 
     def _acts(self, node: Node | None) -> Formula | None:
         """A formula of the component's own parameters, variables and signals."""
@@ -316,9 +316,9 @@ class EffectReader:
         if "attaches" in entry.items and "amplitude" not in entry.items:
             problems.add("effect-amplitude", "`amplitude:` is missing in the effect", place,
                          hint="Write `amplitude: [...]` with the parameters that are 0 if the effect is absent.")
-        said = {word for key in ("amplitude", "search_range", "start") for word in _named(entry.items.get(key))}
+        listed_names = {word for key in ("amplitude", "search_range", "start") for word in _named(entry.items.get(key))}
         for parameter in self.parameters.values():
-            if parameter.name not in said and parameter.default is None and parameter.neutral is None \
+            if parameter.name not in listed_names and parameter.default is None and parameter.neutral is None \
                     and not parameter.medium:
                 problems.add("effect-parameter", f"the effect does not list '{parameter.name}', which has no default",
                              place, hint="List it under `search_range:` with a range, or give it a default.")
@@ -328,7 +328,7 @@ class EffectReader:
         for parameter in self.parameters.values():
             needed = (("class", parameter.kind), ("wakes_with", parameter.wakes_with), ("meaning", parameter.meaning))
             self._check_meaning(parameter.meaning, ())
-            for key in [key for key, given in needed if given and parameter.neutral is None]:
+            for key in [key for key, is_declared in needed if is_declared and parameter.neutral is None]:
                 self.problems.add("effect-neutral", f"'{parameter.name}' has `{key}:` but no value at which the effect is "
                                   "absent", parameter.place, hint="Add `neutral: 0`, or the value at which it is absent.")
             for name in parameter.wakes_with:

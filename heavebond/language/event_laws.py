@@ -49,13 +49,13 @@ def check_initial(component: Component, lookup: Lookup, problems: Problems) -> N
                                         f"{component.name} that has an initial value", 0, len(reset.target.text),
                                         f"Name one of {listing(component.variables)}." if component.variables else "")
             wanted = lookup(Name((base,), 0, len(base))) or ONE
-            found = dimension(reset.value.tree, lookup)
+            actual = dimension(reset.value.tree, lookup)
         except ExpressionProblem as problem:
             reading.add_expression_problem(problem, reset.target.place, problems)
             continue
-        if found is not None and found != wanted and not is_generic(found) and not is_generic(wanted):
+        if actual is not None and actual != wanted and not is_generic(actual) and not is_generic(wanted):
             problems.add("units-differ", f"'{reset.target.text}' is in {dimension_text(wanted)}, its initial value is in "
-                         f"{dimension_text(found)}", reset.value.place, hint="Check the factors of the formula.")
+                         f"{dimension_text(actual)}", reset.value.place, hint="Check the factors of the formula.")
 
 
 def _equations_leave_alone(component: Component, problems: Problems) -> None:
@@ -96,13 +96,13 @@ def _instant(component: Component, event: EventDefinition, lookup: Lookup, lengt
         try:
             for name in names(formula.tree):
                 _only_parameters(component, name, f"`{key}:`")
-            found = number_dimension(formula.tree, lookup)
+            dimension_found = number_dimension(formula.tree, lookup)
             lengths.number(formula.tree, f"`{key}:`")
         except ExpressionProblem as problem:
             reading.add_expression_problem(problem, formula.place, problems)
             continue
-        if found is not None and found != SECOND and not is_generic(found):
-            problems.add("units-differ", f"`{key}:` is a time; this is in {dimension_text(found)}", formula.place,
+        if dimension_found is not None and dimension_found != SECOND and not is_generic(dimension_found):
+            problems.add("units-differ", f"`{key}:` is a time; this is in {dimension_text(dimension_found)}", formula.place,
                          hint="Name a parameter in s, as in `every: T_s`.")
         elif key == "every" and (number := constant(formula.tree)) is not None and number <= 0:
             problems.add("every-not-positive", f"`every: {formula.text}` is not a time above 0", formula.place,
@@ -111,9 +111,9 @@ def _instant(component: Component, event: EventDefinition, lookup: Lookup, lengt
 
 def _condition(component: Component, formula: Formula, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
     try:
-        found = dimension(formula.tree, lookup)
+        dimension_found = dimension(formula.tree, lookup)
         lengths.number(formula.tree, "a condition")
-        if found != TRUTH:
+        if dimension_found != TRUTH:
             raise ExpressionProblem("condition-form", "a condition is a comparison; this is a number", 0, len(formula.text),
                                     f"Write for example `{formula.text} > 0`.")
         for part in _walk(formula.tree):
@@ -149,14 +149,15 @@ def _reset(component: Component, reset: Reset, lookup: Lookup, lengths: Lengths,
         reading.add_expression_problem(problem, reset.target.place, problems)
         return
     try:
-        found = number_dimension(reset.value.tree, lookup)
+        actual = number_dimension(reset.value.tree, lookup)
         lengths.assigned(target, reset.value.tree)
     except ExpressionProblem as problem:
         reading.add_expression_problem(problem, reset.value.place, problems)
         return
-    if None not in (found, wanted) and found != wanted and not is_generic(found or ONE) and not is_generic(wanted or ONE):
+    if None not in (actual, wanted) and actual != wanted and not is_generic(actual or ONE) and not is_generic(wanted or ONE):
         problems.add("units-differ", f"'{target.text}' is in {dimension_text(wanted or ONE)}, its new value is in "
-                     f"{dimension_text(found or ONE)}", reset.value.place, hint="Check the factors of the formula.")
+                     f"{dimension_text(actual or ONE)}", reset.value.place,
+                     hint="Check the factors of the formula.")
 
 
 def _impulse(component: Component, event: EventDefinition, problems: Problems) -> None:

@@ -32,14 +32,14 @@ def extension(source: Source, base: Component, problems: Problems) -> Component:
         reading.identifier(head, "a component", problems)
     reading.known_keys(root, EXTENDING_KEYS, f"'{name}', which extends {base.name},", problems, ("component", "summary"))
     values = _values(root.items.get("set"), base, source, problems)
-    own = {key: reading.text(root.items.get(key), key, problems) for key in EXTENDING_KEYS if key != "set"}
+    texts = {key: reading.text(root.items.get(key), key, problems) for key in EXTENDING_KEYS if key != "set"}
     parameters = {key: replace(p, default=values.get(key, p.default)) for key, p in base.parameters.items()}
     # a variation is not a separate law: a diagnosis tries the extended component
     return replace(base, name=name, place=place, path=source.path, parameters=parameters, effects=(),
                    extends=(base.name, *base.extends),
                    values={**base.values, **{key: value for key, value in values.items() if "[" in key}},
-                   summary=own["summary"], restrictions=own["restrictions"] or base.restrictions,
-                   source=own["source"] or base.source, symbol=own["symbol"] or base.symbol)
+                   summary=texts["summary"], restrictions=texts["restrictions"] or base.restrictions,
+                   source=texts["source"] or base.source, symbol=texts["symbol"] or base.symbol)
 
 
 def _values(node: Node | None, base: Component, source: Source, problems: Problems) -> dict[str, Value]:
@@ -47,7 +47,7 @@ def _values(node: Node | None, base: Component, source: Source, problems: Proble
     file.
     """
     entries = reading.mapping(node, "set", problems, "Write `set: {R: 296.8 J/(kg*K)}`.")
-    found: dict[str, Value] = {}
+    values: dict[str, Value] = {}
     for key, item in (entries.items if entries else {}).items():
         parameter = base.parameters.get(key)
         if parameter is None:
@@ -55,17 +55,17 @@ def _values(node: Node | None, base: Component, source: Source, problems: Proble
             problems.add("parameter-unknown", f"{base.name} has no parameter '{key}'", entries.keys[key].place,
                          hint=suggest(key, base.parameters) or f"It has: {listing(base.parameters)}.")
         elif parameter.count is None:
-            if (given := reading.value(item, key, problems)) is not None:
-                found[key] = given
-                _check(key, parameter, given, base.parameters, problems)
+            if (value := reading.value(item, key, problems)) is not None:
+                values[key] = value
+                _check(key, parameter, value, base.parameters, problems)
         elif isinstance(item, Sequence):
-            found.update(reading.elements(item, key, key, problems))
+            values.update(reading.elements(item, key, key, problems))
         elif isinstance(item, Mapping):
-            found.update(reading.column_values(item, key, source, problems))
+            values.update(reading.column_values(item, key, source, problems))
         else:
             problems.add("list-number", f"'{key}' of {base.name} is a list", item.place,
                          hint=f"Write `{key}: [..., ...]`, each value with its unit.")
-    return found
+    return values
 
 
 def _check(name: str, parameter: Parameter, value: Value, known: Dictionary[str, Parameter], problems: Problems) -> None:

@@ -42,9 +42,9 @@ def described(path: Path) -> tuple[str, Foreign]:
         raise _unusable(path, f"has {len(variables)} inputs, outputs and parameters; up to {FMU_VARIABLES} are read",
                         "Export it with fewer of them.")
     arrays = [v.name for v in variables if v.dimensions and v.causality != "parameter"]
-    other = [v.name for v in description.modelVariables if v.causality == "input" and v.type not in NUMBERS]
-    if arrays or other:
-        raise _unusable(path, f"has signals that are not single numbers: {listing(arrays + other, 4)}",
+    unsupported = [v.name for v in description.modelVariables if v.causality == "input" and v.type not in NUMBERS]
+    if arrays or unsupported:
+        raise _unusable(path, f"has signals that are not single numbers: {listing(arrays + unsupported, 4)}",
                         "Export them as scalars.")
     reader = _Units({u.name: u.baseUnit for u in description.unitDefinitions})
     names = _Names()
@@ -70,10 +70,10 @@ def _read(path: Path) -> Any:
     try:
         return read_model_description(str(path), validate=False)
     except Exception as error:  # FMPy reports broken archives and descriptions by many kinds of exceptions
-        said = (str(error).splitlines() or [""])[0]
+        reason = (str(error).splitlines() or [""])[0]
         raise ModelError([Problem("fmu-unreadable", f"{path.name} is not an FMU that can be read", None,
                                   "Export it again; it is a ZIP file with a modelDescription.xml.",
-                                  (said,) if said else ())]) from error
+                                  (reason,) if reason else ())]) from error
 
 
 class _Names:
@@ -144,18 +144,19 @@ def _text(path: Path, description: Any, known: dict[str, list[tuple[ForeignVaria
              "restrictions: Its outputs are held between two communications, and depend on the inputs of the previous step.",
              f"source: {_quoted(f'{path.name}, FMI {description.fmiVersion}{tool}')}", "ports:"]
     for kind, direction in (("input", "in"), ("output", "out")):
-        lines += [f"  {found.name}: {{signal: {direction}, unit: {unit or f'$U_{found.name}'}, doc: {_doc(v)}}}"
-                  for found, unit, v in known[kind]]
+        lines += [f"  {entry.name}: {{signal: {direction}, unit: {unit or f'$U_{entry.name}'}, doc: {_doc(v)}}}"
+                  for entry, unit, v in known[kind]]
     lines += ["parameters:", "  step: {unit: s, min: 1e-6 s, doc: time between two communications"
               + (f", default: {float(step)!r} s" if step else "") + "}"]
-    lines += [f"  {found.name}: {{unit: {unit or 1}{_bounds(v, found, unit)}, doc: {_doc(v)}, "
-              f"default: {_quantity(_number(v, found), unit)}}}" for found, unit, v in known["parameter"]]
+    lines += [f"  {entry.name}: {{unit: {unit or 1}{_bounds(v, entry, unit)}, doc: {_doc(v)}, "
+              f"default: {_quantity(_number(v, entry), unit)}}}" for entry, unit, v in known["parameter"]]
     lines.append("variables:")
-    lines += [f"  {LAST}{found.name}: {{unit: {unit or f'$U_{found.name}'}, held: {_quantity(_number(v, found), unit)}, "
-              f"doc: {_doc(v)}}}" for found, unit, v in known["output"]]
+    lines += [f"  {LAST}{entry.name}: {{unit: {unit or f'$U_{entry.name}'}, held: {_quantity(_number(v, entry), unit)}, "
+              f"doc: {_doc(v)}}}" for entry, unit, v in known["output"]]
     lines.append("equations: |")
-    lines += [f"  {found.name} = {LAST}{found.name}   # held between communications" for found, _, _ in known["output"]]
-    set_to = ", ".join(f"{LAST}{found.name}: {LAST}{found.name}" for found, _, _ in known["output"])
+    lines += [f"  {entry.name} = {LAST}{entry.name}   # held between communications"
+              for entry, _, _ in known["output"]]
+    set_to = ", ".join(f"{LAST}{entry.name}: {LAST}{entry.name}" for entry, _, _ in known["output"])
     return "\n".join([*lines, "when:", f"  {EXCHANGE}: {{every: step, then: {{{set_to}}}}}", ""])
 
 
@@ -170,9 +171,10 @@ def _bounds(v: Any, found: ForeignVariable, unit: str | None) -> str:
     """The bounds of a parameter for its declaration; non-numeric bounds are omitted."""
     texts = []
     for name in ("min", "max"):
-        said = getattr(v, name, None)
+        bound_value = getattr(v, name, None)
         try:
-            bound = number(str(said if said is not None else getattr(v.declaredType, name, None)).strip()) * found.scale
+            bound = number(str(bound_value if bound_value is not None
+                               else getattr(v.declaredType, name, None)).strip()) * found.scale
         except ValueError:
             continue
         if abs(bound + found.offset) <= LARGEST:
@@ -181,8 +183,8 @@ def _bounds(v: Any, found: ForeignVariable, unit: str | None) -> str:
 
 
 def _doc(v: Any) -> str:
-    said = v.description or ""
-    return _quoted(said if v.name == said or v.name.isidentifier() else f"{v.name}: {said}".rstrip(": "))
+    doc_text = v.description or ""
+    return _quoted(doc_text if v.name == doc_text or v.name.isidentifier() else f"{v.name}: {doc_text}".rstrip(": "))
 
 
 def _quoted(text: str) -> str:

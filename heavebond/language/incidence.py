@@ -40,11 +40,11 @@ def classify(residuals: ca.SX, unknowns: ca.SX, constants: set[int], bounds: Map
     rows: list[list[Entry]] = [[] for _ in range(residuals.numel())]
     row_of, column_of = jacobian.sparsity().get_triplet()
     occurring = sorted(set(column_of))  # the equations may depend on few of many unknowns
-    own = {column: s.element_hash() for column, s in zip(occurring, split(unknowns[occurring]), strict=True)}
-    stepped = _stepped(residuals, {s: column for column, s in own.items()})
+    hashes = {column: s.element_hash() for column, s in zip(occurring, split(unknowns[occurring]), strict=True)}
+    stepped = _stepped(residuals, {s: column for column, s in hashes.items()})
     # CasADi's stubs call the entries SXElem; they are scalar SX
     coefficients = cast(list[ca.SX], jacobian.nonzeros())
-    kinds = [NONLINEAR if (row, column) in stepped else _kind(entry, own[column], constants)
+    kinds = [NONLINEAR if (row, column) in stepped else _kind(entry, hashes[column], constants)
              for entry, row, column in zip(coefficients, row_of, column_of, strict=True)]
     signs = iter(intervals([e for e, kind in zip(coefficients, kinds, strict=True) if kind is None], bounds))
     for entry, kind, row, column in zip(coefficients, kinds, row_of, column_of, strict=True):
@@ -69,12 +69,12 @@ def _stepped(residuals: ca.SX, column_of: Mapping[int, int]) -> set[tuple[int, i
     # for each place of the work vector: the unknowns in it, and the unknowns on which it depends by a step
     nothing: frozenset[int] = frozenset()
     work: dict[int, tuple[frozenset[int], frozenset[int]]] = {}
-    found: set[tuple[int, int]] = set()
+    stepped_entries: set[tuple[int, int]] = set()
     columns = [column_of.get(s.element_hash()) for s in symbols]
     for k, op in enumerate(ids):
         inputs, outputs = function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_OUTPUT:
-            found.update((outputs[1], column) for column in work[inputs[0]][1])
+            stepped_entries.update((outputs[1], column) for column in work[inputs[0]][1])
         elif op == ca.OP_INPUT:
             column = columns[inputs[1]]
             work[outputs[0]] = (nothing if column is None else frozenset((column,)), nothing)
@@ -84,7 +84,7 @@ def _stepped(residuals: ca.SX, column_of: Mapping[int, int]) -> set[tuple[int, i
             held = [work[i] for i in inputs]
             inside, steps = (nothing.union(*(h[side] for h in held)) for side in (0, 1))
             work[outputs[0]] = (inside, inside if op in STEPS else steps)
-    return found
+    return stepped_entries
 
 
 def _kind(coefficient: ca.SX, unknown: int, constants: set[int]) -> int | None:
@@ -134,11 +134,11 @@ def intervals(expressions: Sequence[ca.SX], bounds: Mapping[int, Interval]) -> l
             value = function.instruction_constant(k)
             work[outputs[0]] = (value, value)
         else:
-            found = _operate(op, [work[i] for i in inputs], len(set(inputs)) < len(inputs))
+            interval_found = _operate(op, [work[i] for i in inputs], len(set(inputs)) < len(inputs))
             product = _multiplied(op, [factors[i] for i in inputs])
             if product is not None:
-                found = product.narrowed(found)
-            work[outputs[0]] = found
+                interval_found = product.narrowed(interval_found)
+            work[outputs[0]] = interval_found
         factors[outputs[0]] = product if product is not None else _Factors(1.0, {k: (work[outputs[0]], 1)})
     return results
 
@@ -158,12 +158,12 @@ class _Factors:
         """The interval of the product, with a repeated factor, as in x*(m*x), treated as a square."""
         if all(power == 1 for _, power in self.powers.values()):
             return known
-        own = (self.sign, self.sign)
+        sign_interval = (self.sign, self.sign)
         for a, power in self.powers.values():
             for _ in range(power // 2):
-                own = _product(own, _square(a))
-            own = _product(own, a) if power % 2 else own
-        return max(known[0], own[0]), min(known[1], own[1])
+                sign_interval = _product(sign_interval, _square(a))
+            sign_interval = _product(sign_interval, a) if power % 2 else sign_interval
+        return max(known[0], sign_interval[0]), min(known[1], sign_interval[1])
 
 
 def _multiplied(op: int, args: Sequence[_Factors]) -> _Factors | None:
@@ -174,8 +174,8 @@ def _multiplied(op: int, args: Sequence[_Factors]) -> _Factors | None:
         return None
     a, b = args[0], args[-1]
     powers = dict(a.powers)
-    for k, (own, power) in b.powers.items():
-        powers[k] = (own, power + (powers[k][1] if k in powers else 0))
+    for k, (factor_interval, power) in b.powers.items():
+        powers[k] = (factor_interval, power + (powers[k][1] if k in powers else 0))
     return _Factors(a.sign * b.sign, powers) if len(powers) <= MOST_FACTORS else None
 
 

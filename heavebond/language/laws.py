@@ -44,8 +44,8 @@ class Scope:
 
     def __call__(self, name: Name) -> Dimension | None:
         """The dimension of a name; None (any) in a component without checks of units."""
-        found = self._dimension(name)
-        return found if self.component.units_checked else ANY
+        dimension_found = self._dimension(name)
+        return dimension_found if self.component.units_checked else ANY
 
     def _dimension(self, name: Name) -> Dimension:
         words = [part for part in name.parts if isinstance(part, str)]
@@ -124,17 +124,17 @@ def check(component: Component, domains: Domains) -> None:
 
 
 def _clashes(component: Component, problems: Problems) -> None:
-    seen: dict[str, str] = {"time": "the time", "pi": "a number"}
+    declared_as: dict[str, str] = {"time": "the time", "pi": "a number"}
     groups: tuple[tuple[str, Mapping[str, Port | SignalPort | Parameter | Variable | Instance]], ...] = (
         ("port", component.ports), ("signal", component.signals), ("parameter", component.parameters),
         ("variable", component.variables), ("part", component.body.instances))
-    for what, group in groups:
+    for kind, group in groups:
         for name, item in group.items():
-            if name in seen:
-                problems.add("name-twice", f"'{name}' is both {seen[name]} and a {what}", item.place,
+            if name in declared_as:
+                problems.add("name-twice", f"'{name}' is both {declared_as[name]} and a {kind}", item.place,
                              hint="Give one of them another name.")
             else:
-                seen[name] = f"a {what}"
+                declared_as[name] = f"a {kind}"
 
 
 def _units(component: Component, domains: Domains, problems: Problems) -> None:
@@ -151,9 +151,9 @@ def _units(component: Component, domains: Domains, problems: Problems) -> None:
                 (component.dissipates, watt, "dissipates", "a power in W"),
                 (component.unbalanced, watt, "unbalanced", "a power in W"),
                 (component.travel_time, declared_unit("s").dimension, "travel_time", "a time in s"))
-    for formula, wanted, what, wanted_text in energies:
+    for formula, wanted, key, wanted_text in energies:
         if formula is not None:
-            _formula(formula, wanted, what, wanted_text, scope, problems)
+            _formula(formula, wanted, key, wanted_text, scope, problems)
     for requirement in component.requires:
         _formula(requirement, TRUTH, "requires", "a comparison, as in `x_max > x_min`", scope, problems)
     for name, delayed in component.delayed.items():
@@ -172,15 +172,15 @@ def _with_index(scope: Scope, line: EquationLine) -> Lookup:
 def _formula(formula: Formula, wanted: Dimension, what: str, wanted_text: str, scope: Scope,
              problems: Problems) -> None:
     try:
-        found = dimension(formula.tree, scope)
+        dimension_found = dimension(formula.tree, scope)
         Lengths(scope.length, exact=False).number(formula.tree, f"`{what}:`")
     except ExpressionProblem as problem:
         reading.add_expression_problem(problem, formula.place, problems)
         return
-    generic = found is not None and any("$" in base for base, _ in found)
-    if found is not None and found != wanted and not generic:
-        here = "a comparison" if found == TRUTH else f"in {dimension_text(found)}"
-        problems.add("units-differ", f"`{what}:` must be {wanted_text}; this is {here}", formula.place,
+    generic = dimension_found is not None and any("$" in base for base, _ in dimension_found)
+    if dimension_found is not None and dimension_found != wanted and not generic:
+        actual = "a comparison" if dimension_found == TRUTH else f"in {dimension_text(dimension_found)}"
+        problems.add("units-differ", f"`{what}:` must be {wanted_text}; this is {actual}", formula.place,
                      hint="Check the factors of the formula." if wanted != TRUTH else "Write a relation of parameters.")
 
 
@@ -218,8 +218,9 @@ def _balance(component: Component, domains: Domains, problems: Problems) -> None
     if unused and more == "few":
         notes.append(f"in no equation: {listing(unused, 30)}")
     missing = abs(len(unknowns) - equations)
-    what = f"{missing} equation{'s' * (missing > 1)}"
-    advice = f"Add {what}" + (f", for example for {unused[0]}" if unused else "") if more == "few" else f"Remove {what}"
+    missing_text = f"{missing} equation{'s' * (missing > 1)}"
+    advice = f"Add {missing_text}" + (f", for example for {unused[0]}" if unused
+                                      else "") if more == "few" else f"Remove {missing_text}"
     if component.composite and unused:
         advice = f"Join '{unused[0].partition('.')[0]}' to a node of the block, or write an equation for {unused[0]}"
     problems.add(f"balance-too-{more}", f"{component.name} has {equations} equation{'s' * (equations != 1)} for "

@@ -191,11 +191,12 @@ def library(folders: Iterable[Path] = ()) -> Library:
                 twice[kind][name] = (files[kind][name], path)
             elif name:
                 files[kind][name] = path
-    own = tuple((name, path, _stamp(path)) for name, path in files["function"].items())
+    user_functions = tuple((name, path, _stamp(path)) for name, path in files["function"].items())
     for kind, known in _bundled_files().items():
         for name, path in known.items():
             files[kind].setdefault(name, path)
-    return Library(domains(), files["component"], twice["component"], _functions(own, tuple(twice["function"].items())))
+    return Library(domains(), files["component"], twice["component"],
+                   _functions(user_functions, tuple(twice["function"].items())))
 
 
 @lru_cache(maxsize=64)
@@ -257,8 +258,8 @@ def _bundled_files() -> dict[str, dict[str, Path]]:
 
 def _yaml_files(top: Path) -> list[str]:
     """The YAML files in a folder and those below it."""
-    found = (os.path.join(folder, name) for folder, _, names in os.walk(top) for name in names if name.endswith(".yaml"))
-    return sorted(found, key=lambda path: path.split(os.sep))
+    paths = (os.path.join(folder, name) for folder, _, names in os.walk(top) for name in names if name.endswith(".yaml"))
+    return sorted(paths, key=lambda path: path.split(os.sep))
 
 
 def _head_of(path: Path) -> tuple[str, str]:
@@ -266,10 +267,10 @@ def _head_of(path: Path) -> tuple[str, str]:
     if not path.is_file():  # reading a pipe would block
         return "", ""
     try:
-        found = _HEAD.search(read_text(path))
+        head_match = _HEAD.search(read_text(path))
     except ModelError:
         return "", ""  # an unreadable file in the same folder does not make the diagram wrong
-    return (found.group(1), found.group(2)) if found else ("", "")
+    return (head_match.group(1), head_match.group(2)) if head_match else ("", "")
 
 
 @lru_cache(maxsize=1)
@@ -278,13 +279,13 @@ def domains() -> dict[str, Domain]:
     path = bundled("components") / "domains.yaml"
     source = read(path, shown_path(path), bundled=True)
     problems = Problems()
-    found = {}
+    domains_by_name = {}
     for name, node in source.root.items.items():
         entry = reading.mapping(node, name, problems)
         if entry is not None and name != "signal":
-            found[name] = _domain(name, entry, problems)
+            domains_by_name[name] = _domain(name, entry, problems)
     problems.raise_as(ModelError)
-    return found
+    return domains_by_name
 
 
 KINDS = ("rate", "displacement", "acceleration", "storage", "source", "transport", "variation", "measurement")
@@ -296,15 +297,15 @@ def _effect_classes() -> Dictionary[str, tuple[str, str]]:
     path = bundled("components") / "effect_classes.yaml"
     source = read(path, shown_path(path), bundled=True)
     problems = Problems()
-    found = {}
+    classes = {}
     for name, node in source.root.items.items():
         entry = reading.mapping(node, name, problems)
         if entry is not None:
             reading.known_keys(entry, ("is", "kind"), f"class '{name}'", problems)
-            found[name] = (reading.text(entry.items.get("is"), "is", problems),
-                           reading.text(entry.items.get("kind"), "kind", problems))
+            classes[name] = (reading.text(entry.items.get("is"), "is", problems),
+                             reading.text(entry.items.get("kind"), "kind", problems))
     problems.raise_as(ModelError)
-    return found
+    return classes
 
 
 def effect_classes() -> Dictionary[str, str]:
@@ -364,8 +365,8 @@ def _fills(node: Mapping, problems: Problems) -> tuple[str, tuple[tuple[str, str
 
 def _figure(entry: Mapping, key: str, problems: Problems) -> float | None:
     node = entry.items.get(key)
-    found = reading.value(node, key, problems) if node is not None else None
-    return constant(found.expr) if found is not None else None
+    quantity = reading.value(node, key, problems) if node is not None else None
+    return constant(quantity.expr) if quantity is not None else None
 
 
 @lru_cache(maxsize=1024)

@@ -58,14 +58,14 @@ def written_size(component: Component, integers: Mapping[str, int]) -> int:
 
 
 def _spread(items: Mapping[str, Item], known: Mapping[str, int]) -> dict[str, Item]:
-    found: dict[str, Item] = {}
+    items_by_name: dict[str, Item] = {}
     for name, item in items.items():
         if item.count is None:
-            found[name] = item
+            items_by_name[name] = item
         else:
-            found.update({f"{name}{index}": replace(item, name=f"{name}{index}", count=None, columns=None)
+            items_by_name.update({f"{name}{index}": replace(item, name=f"{name}{index}", count=None, columns=None)
                           for index in indices(item.count, item.columns, lambda expr: whole_number(expr, known) or 0)})
-    return found
+    return items_by_name
 
 
 def indices(count: Expr, columns: Expr | None, number: Callable[[Expr], int]) -> list[str]:

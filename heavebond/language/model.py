@@ -74,8 +74,8 @@ class Model:
 
     def graph(self, open_blocks: bool = True) -> nx.Graph[tuple[str, str]]:
         """The diagram as a networkx graph of parts, ports and nodes: see `heavebond.equations.diagram_graph`."""
-        found: nx.Graph[tuple[str, str]] = facade.call("Model.graph", self, open_blocks)
-        return found
+        graph: nx.Graph[tuple[str, str]] = facade.call("Model.graph", self, open_blocks)
+        return graph
 
     def _repr_svg_(self) -> str | None:
         """The drawing, for notebooks; None for a diagram that cannot be drawn."""
@@ -86,8 +86,8 @@ class Model:
 
     def _repr_html_(self) -> str | None:
         """The drawing and the table of parameters, for notebooks; None for a diagram that cannot be drawn."""
-        found: str | None = facade.call("Model._repr_html_", self)
-        return found
+        html: str | None = facade.call("Model._repr_html_", self)
+        return html
 
     @property
     def sources(self) -> tuple[Path, ...]:
@@ -100,9 +100,9 @@ class Model:
         """A model with other values: `{"gas.c": "40 kN/m"}`, or a plain number in the parameter's base unit; also other
         initial values: `{"initial.crown.x": 0.02}`."""
         settings, conditions = dict(self.settings), dict(self.initial.conditions)
-        for path, given in ((reading.element_path(key), value) for key, value in values.items()):
-            place = Place("with_parameters", 1, 1, f"{path}: {given}")
-            value, name = _python_value(path, given), path.removeprefix("initial.")
+        for path, value_given in ((reading.element_path(key), value) for key, value in values.items()):
+            place = Place("with_parameters", 1, 1, f"{path}: {value_given}")
+            value, name = _python_value(path, value_given), path.removeprefix("initial.")
             if path == name:
                 settings[path] = Setting(path, _like(value, self._given(path)), place)
             else:
@@ -139,11 +139,11 @@ def _python_value(path: str, given: float | str) -> Value:
     text = given if isinstance(given, str) else repr(float(given))
     place = Place(f"value of {path}", 1, 1, text)
     problems = Problems()
-    found = reading.value(Scalar(text, place), path, problems)
+    value_read = reading.value(Scalar(text, place), path, problems)
     problems.raise_as(UsageError)
-    assert found is not None
+    assert value_read is not None
     # a plain Python number is in the parameter's base unit, which only the parameter declares
-    return found if isinstance(given, str) else replace(found, si=True)
+    return value_read if isinstance(given, str) else replace(value_read, si=True)
 
 
 def _like(value: Value, before: Value | FileInput | None) -> Value:
@@ -205,8 +205,9 @@ def find(name: str | Path, head: str = "model", records: Container[str] = ()) ->
                                   f"Give the {head}, whose name ends in .yaml." + (
                                       f" `heavebond new NAME.yaml --from DIAGRAM.yaml {name}` proposes one for this record."
                                       if path.suffix.lower() in records else ""))])
-    here = [p.name for p in sorted(Path.cwd().glob("*.yaml"))[:50]]
-    raise UsageError([Problem("file-missing", f"there is no {head} '{name}'", None, _bundled_hint(str(name), head, here))])
+    files_here = [p.name for p in sorted(Path.cwd().glob("*.yaml"))[:50]]
+    raise UsageError([Problem("file-missing", f"there is no {head} '{name}'", None,
+                              _bundled_hint(str(name), head, files_here))])
 
 
 def _bundled_hint(name: str, head: str, here: Iterable[str]) -> str:
@@ -288,22 +289,23 @@ def _other_kind(source: Source) -> tuple[str, str]:
     items = source.root.items
     for kind, article in (("experiment", "an"), ("study", "a"), ("component", "a"), ("function", "a")):
         if isinstance(head := items.get(kind), Scalar):
-            said = f"{source.name} is not a diagram; it describes {article} {kind}, '{head.text}'"
+            description = f"{source.name} is not a diagram; it describes {article} {kind}, '{head.text}'"
             diagram = items.get("model")
             if kind == "component":
-                return said, f"A diagram uses it under `components:`, as in `part: {{is: {head.text}, ...}}`."
+                return description, f"A diagram uses it under `components:`, as in `part: {{is: {head.text}, ...}}`."
             if kind == "function":
-                return said, f"Equations call it: `{head.text}(...)`."
+                return description, f"Equations call it: `{head.text}(...)`."
             use = f" `heavebond compare {source.name}` compares it with its records." if kind == "experiment" else \
                 f" `heavebond study {source.name}` runs it."
-            return said, (f"Its diagram is {diagram.text}." if isinstance(diagram, Scalar) else "Give its diagram.") + use
+            return description, (f"Its diagram is {diagram.text}." if isinstance(diagram, Scalar)
+                                 else "Give its diagram.") + use
     return f"{source.name} is not a diagram", suggest("model", items) or "A diagram begins with `model: name`."
 
 
 def _base(source: Source, chain: tuple[Path, ...]) -> Model:
     problems = Problems()
     node = source.root.items.get("extends")
-    here = source.path.resolve()
+    source_path = source.path.resolve()
     if node is None:
         folder = source.path.parent
         return Model("", "", source.path, library([folder]))
@@ -313,29 +315,29 @@ def _base(source: Source, chain: tuple[Path, ...]) -> Model:
         problems.add("extends-too-long", f"more than {LONGEST_CHAIN} files extend each other", node.place,
                      hint="Write a complete diagram.")
         problems.raise_as(ModelError)
-    if target.resolve() in (*chain, here):
-        circle = [*(chain[chain.index(target.resolve()):] if target.resolve() in chain else ()), here, target]
+    if target.resolve() in (*chain, source_path):
+        circle = [*(chain[chain.index(target.resolve()):] if target.resolve() in chain else ()), source_path, target]
         problems.add("extends-circle", "these files extend each other in a circle: "
                      + " > ".join(p.name for p in circle) if len(circle) > 2 else f"{source.name} extends itself",
                      node.place, hint="One of them must be a complete diagram, without `extends:`.")
         problems.raise_as(ModelError)
     if not target.is_file():
         near = [p.name for p in sorted(target.parent.glob("*.yaml"))] if target.parent.is_dir() else []
-        what = f"{target} is a folder, not a file" if target.is_dir() else f"there is no file {target}"
-        problems.add("file-missing", what, node.place,
+        problem_text = f"{target} is a folder, not a file" if target.is_dir() else f"there is no file {target}"
+        problems.add("file-missing", problem_text, node.place,
                      hint=suggest(target.name, near) or f"The path counts from the folder of {source.path.name}.")
         problems.raise_as(ModelError)
-    base = _load(target, (*chain, here))
+    base = _load(target, (*chain, source_path))
     if target.parent.resolve() != source.path.parent.resolve():
         base = replace(base, library=_joined_library(source.path.parent, base.library))
     return base
 
 
 def _joined_library(folder: Path, inherited: Library) -> Library:
-    own = library([folder])
-    local = {n: p for n, p in own.files.items() if folder.resolve() in p.resolve().parents}
-    return Library(inherited.domains, {**inherited.files, **local}, {**inherited.twice, **own.twice},
-                   joined_functions(folder, inherited.functions, own.functions))
+    folder_library = library([folder])
+    local = {n: p for n, p in folder_library.files.items() if folder.resolve() in p.resolve().parents}
+    return Library(inherited.domains, {**inherited.files, **local}, {**inherited.twice, **folder_library.twice},
+                   joined_functions(folder, inherited.functions, folder_library.functions))
 
 
 def _changed(base: Model, source: Source, problems: Problems) -> Model:
@@ -388,13 +390,13 @@ def _kept_settings(base: Model, body: Body) -> dict[str, Setting]:
 
 def _values(node: Node | None, what: str, problems: Problems) -> dict[str, Value]:
     entries = reading.mapping(node, what, problems)
-    found = {}
+    values_by_name = {}
     for name, item in (entries.items if entries else {}).items():
         if entries and reading.identifier(entries.keys[name], "a parameter", problems):
             value = reading.value(item, name, problems)
             if value is not None:
-                found[name] = value
-    return found
+                values_by_name[name] = value
+    return values_by_name
 
 
 def _wires(old: dict[str, Wire], new: dict[str, Wire], *, extends: bool, problems: Problems) -> dict[str, Wire]:
@@ -421,13 +423,13 @@ def _wires(old: dict[str, Wire], new: dict[str, Wire], *, extends: bool, problem
 
 def _change_ends(ends: list[End], end: End, node: str, problems: Problems) -> None:
     if end.path.startswith("-"):
-        kept = [e for e in ends if e.path != end.path[1:]]
-        if len(kept) == len(ends) and "." in node:  # ends of a block are declared in its file
-            kept.append(end)
-        elif len(kept) == len(ends):
+        remaining_ends = [e for e in ends if e.path != end.path[1:]]
+        if len(remaining_ends) == len(ends) and "." in node:  # ends of a block are declared in its file
+            remaining_ends.append(end)
+        elif len(remaining_ends) == len(ends):
             problems.add("node-end-unknown", f"'{end.path[1:]}' is not on node '{node}'", end.place,
                          hint=suggest(end.path[1:], [e.path for e in ends]) or
                          (f"On it: {listing(e.path for e in ends)}." if ends else f"There is no node '{node}' yet."))
-        ends[:] = kept
+        ends[:] = remaining_ends
     else:
         ends.append(End(end.path.removeprefix("+"), end.place))

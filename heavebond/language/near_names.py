@@ -30,22 +30,22 @@ def near_components(name: str, files: Mapping[str, Path]) -> str:
     and domain contain most of its words, the simplest first, and of these only such without other words, if there are
     any.
     """
-    said = suggest(name, files) or "`heavebond library` lists every component."
+    hint = suggest(name, files) or "`heavebond library` lists every component."
     wanted = _words(name)
     scores = {known: _scores(wanted, known, path) for known, path in files.items() if path.suffix == ".yaml"}
     found_nowhere = any(not any(column) for column in zip(*scores.values(), strict=True))
     spelt = difflib.get_close_matches(name.lower(), map(str.lower, files), n=1, cutoff=MISSPELT)
     if spelt and (found_nowhere or spelt[0] == name.lower()):
-        return said
+        return hint
     best = max(map(sum, scores.values()), default=0)
-    near = sorted((known for known, found in scores.items() if sum(found) == best), key=lambda known: (
+    near = sorted((known for known, score in scores.items() if sum(score) == best), key=lambda known: (
         len(_words(known)), -difflib.SequenceMatcher(None, name.lower(), known.lower()).ratio()))
     if not best or len(near) > 3 * LISTED:
-        return said
+        return hint
     near = [known for known in near if set(_words(known)) <= set(wanted)] or near
     more = f" `heavebond library {_meant(wanted[-1])[0]}` lists more." if len(near) > LISTED else ""
-    *others, last = [f"'{known}'" for known in near[:LISTED]]
-    return f"Did you mean {', '.join(others)}{' or ' if others else ''}{last}?{more}"
+    *near_others, last = [f"'{known}'" for known in near[:LISTED]]
+    return f"Did you mean {', '.join(near_others)}{' or ' if near_others else ''}{last}?{more}"
 
 
 def _words(name: str) -> list[str]:
@@ -54,14 +54,14 @@ def _words(name: str) -> list[str]:
 
 def _scores(wanted: list[str], known: str, path: Path) -> list[int]:
     """For each of the `wanted` words 2 if the name of a component contains it, 1 if its summary or domain does, else 0."""
-    own = set(_words(known))
+    name_words = set(_words(known))
     summary = _SUMMARY.search(read_text(path))
-    told = " ".join([summary.group(1) if summary else "", path.parent.name]).lower()
+    summary_text = " ".join([summary.group(1) if summary else "", path.parent.name]).lower()
 
     def score(words: list[str]) -> int:
-        if own.intersection(words):
+        if name_words.intersection(words):
             return 2
-        return int(any(re.search(rf"\b{re.escape(word)}", told) for word in words if len(word) > 1))
+        return int(any(re.search(rf"\b{re.escape(word)}", summary_text) for word in words if len(word) > 1))
 
     return [score([word, *_meant(word)]) for word in wanted]
 

@@ -98,14 +98,14 @@ def check_power(component: Component, domains: Mapping[str, Domain], seed: int =
 def powers(component: Component, domains: Mapping[str, Domain]) -> tuple[tuple[str, ...], Array]:
     """The names of the ports, and for each motion (n,) of the trial with the largest violation: power in, d(stores)/dt,
     dissipates, unbalanced, the size below which powers are treated as zero, and the power in at each port."""
-    found = []
+    reports = []
     for bound in _bindings(component, domains):
         trial = _Trial(component, domains, bound)
         rows = np.array([np.concatenate([terms[:4], [APPARENT * terms[4]], terms[6:]]) for terms, _, _ in trial.motions()])
         lost = np.abs(rows[:, 0] - rows[:, 1:4].sum(axis=1)) + np.maximum(-rows[:, 2], 0)
         sizes = np.abs(rows[:, [1, 2, 3, *range(5, rows.shape[1])]]).max(axis=1) + rows[:, 4]
-        found.append((float((lost / np.where(sizes > 0, sizes, 1.0)).max()), tuple(trial.ports), rows))
-    _, ports, rows = max(found, key=lambda item: item[0])
+        reports.append((float((lost / np.where(sizes > 0, sizes, 1.0)).max()), tuple(trial.ports), rows))
+    _, ports, rows = max(reports, key=lambda item: item[0])
     return ports, rows
 
 
@@ -137,15 +137,15 @@ def usual_sizes(domains: Iterable[Domain]) -> dict[Dimension, float]:
 
 @lru_cache(maxsize=64)
 def _sizes(members: tuple[tuple[tuple[Dimension, float], ...], ...]) -> dict[Dimension, float]:
-    found: dict[Dimension, float] = {ONE: 1.0, SECOND: 1.0}
+    size_by_dimension: dict[Dimension, float] = {ONE: 1.0, SECOND: 1.0}
     groups = [*members, tuple(m for group in members for m in group)]
     for group in groups:
-        _note(found, group, (0, 1, -1, 2, -2))
+        _note(size_by_dimension, group, (0, 1, -1, 2, -2))
     for power in (-1, 1):  # ratios of all quantities before products: an area is N/Pa rather than m*m
         for group in groups:
-            _note(found, [(times(a, b, power), size_a * size_b**power)
-                          for (a, size_a), (b, size_b) in product(group, group)], (0, 1, -1))
-    return found
+            _note(size_by_dimension, [(times(a, b, power), size_a * size_b**power)
+                                      for (a, size_a), (b, size_b) in product(group, group)], (0, 1, -1))
+    return size_by_dimension
 
 
 def _note(found: dict[Dimension, float], quantities: Iterable[tuple[Dimension, float]], orders: Iterable[int]) -> None:
@@ -163,8 +163,9 @@ class _Trial:
         component = written_out(component, integers)
         self.component, self.domains, self.bound = component, domains, bound
         self.random = np.random.default_rng(seed)
-        own = list(dict.fromkeys(bound.values()))
-        self.sizes = usual_sizes([domains[name] for name in (*own, *(n for n in domains if n not in own))])
+        bound_domains = list(dict.fromkeys(bound.values()))
+        self.sizes = usual_sizes([domains[name]
+                                  for name in (*bound_domains, *(n for n in domains if n not in bound_domains))])
         self.generic = {f"{component.ports[port].domain}.{role}": domains[name].members[member].unit.dimension
                         for port, name in bound.items() for role, member in (
                             ("effort", domains[name].effort), ("flow", domains[name].flow)) if member}
@@ -186,12 +187,12 @@ class _Trial:
     # -- the equations and the powers ------------------------------------------------------------------------------
     def _ports(self) -> dict[str, Domain]:
         """The domain of each port, with every element of an array (`p[2]`)."""
-        found: dict[str, Domain] = {}
+        port_domains: dict[str, Domain] = {}
         for slot in self.made.slots:
             port, _, member = slot.rpartition(".")
             if member and port:
-                found[port] = self.domains[self.bound[port.partition("[")[0]]]
-        return found
+                port_domains[port] = self.domains[self.bound[port.partition("[")[0]]]
+        return port_domains
 
     def _matrices(self) -> list[tuple[list[int], bool]]:
         """The elements of each matrix among the parameters that must be positive by `requires:`, and whether also
@@ -210,8 +211,8 @@ class _Trial:
         levels = [ca.SX.sym(f"level{k}", n) for k in range(LEVELS)]
         p, t = ca.SX.sym("p", len(self.made.given)), ca.SX.sym("t")
         y = stack(levels)
-        given = [*levels, p, t, ca.SX(1)]
-        residuals = split(self.made.residuals(*given)) if self.made.lines else []
+        arguments = [*levels, p, t, ca.SX(1)]
+        residuals = split(self.made.residuals(*arguments)) if self.made.lines else []
         orders = [max((e.column // n for e in row), default=0) for row in self.made.entries]
         place = {slot: k for k, slot in enumerate(self.made.slots)}
         for port, domain in self.ports.items():
@@ -221,27 +222,28 @@ class _Trial:
                     residuals.append(levels[1][x] - levels[0][v])
                     orders.append(1)
         rows = stack([*residuals, *self._derivatives(residuals, orders, levels, t)])
-        *energy, store = split(self.made.energy(*given))
-        own = [self._port_power(port, domain, levels[0], place) for port, domain in self.ports.items()]
+        *energy, store = split(self.made.energy(*arguments))
+        port_powers = [self._port_power(port, domain, levels[0], place) for port, domain in self.ports.items()]
         # energy exchange between the stores of one component may cancel, in a pendulum completely
         exchanged = ca.dot(ca.fabs(ca.gradient(store, stack(levels[:-1]))), ca.fabs(stack(levels[1:])))
-        apparent = sum((a for _, a in own), ca.SX(0))
+        apparent = sum((a for _, a in port_powers), ca.SX(0))
         return (ca.Function("system", [y, p, t], [ca.densify(rows), ca.densify(ca.jacobian(rows, y))]),
-                ca.Function("terms", [y, p, t], [stack([*energy, apparent, exchanged, *(power for power, _ in own)])]))
+                ca.Function("terms", [y, p, t],
+                            [stack([*energy, apparent, exchanged, *(power for power, _ in port_powers)])]))
 
     def _derivatives(self, residuals: list[ca.SX], orders: list[int], levels: list[ca.SX], t: ca.SX) -> list[ca.SX]:
         """The time derivatives of equations that the jet contains: two of an equation without derivatives, one of first
         order.
         """
         low, high = stack(levels[:-1]), stack(levels[1:])
-        found: list[ca.SX] = []
+        rate_residuals: list[ca.SX] = []
         rows = list(zip(residuals, orders, strict=True))
         while rows := [(r, k) for r, k in rows if k < LEVELS - 1]:
             column = stack([r for r, _ in rows])
             rates = split(ca.jtimes(column, low, high) + ca.jtimes(column, t, ca.SX(1)))
-            found += rates
+            rate_residuals += rates
             rows = [(r, k + 1) for r, (_, k) in zip(rates, rows, strict=True)]
-        return found
+        return rate_residuals
 
     def _port_power(self, port: str, domain: Domain, slots: ca.SX, place: Mapping[str, int]) -> tuple[ca.SX, ca.SX]:
         """Power into a port, and the product of the usual sizes of its effort and flow."""
@@ -330,11 +332,11 @@ class _Trial:
         """A random jet on the equations and within the bounds, or None."""
         free = np.full((LEVELS - 1) * len(self.size), inf)
         y = self._spread(np.tile(self.size, LEVELS), np.append(self.low, -free), np.append(self.high, free))
-        found = self._on_equations(self._assigned(y, p, t), p, t)
-        if found is None:
+        projected = self._on_equations(self._assigned(y, p, t), p, t)
+        if projected is None:
             return None
-        slots, slack = found[: len(self.size)], 1e-9 * self.size
-        return found if np.all((slots >= self.low - slack) & (slots <= self.high + slack)) else None
+        slots, slack = projected[: len(self.size)], 1e-9 * self.size
+        return projected if np.all((slots >= self.low - slack) & (slots <= self.high + slack)) else None
 
     def _assignments(self) -> list[tuple[int, int]]:
         """(equation, slot) if an equation gives a slot with coefficient 1, inner variables and through variables first."""
@@ -352,11 +354,11 @@ class _Trial:
         the kinks of `max` and `min`. If the values diverge, the guess is unchanged."""
         rows, slots = (np.array(k, dtype=int) for k in zip(*self.assignments, strict=True)) if self.assignments \
             else (np.zeros(0, int), np.zeros(0, int))
-        found = y.copy()
+        guess = y.copy()
         for _ in range(SWEEPS):
-            residual, jacobian = self._at(found, p, t)
-            found[slots] -= residual[rows] * jacobian[rows, slots]
-        return found if np.all(np.isfinite(self._at(found, p, t)[0])) else y
+            residual, jacobian = self._at(guess, p, t)
+            guess[slots] -= residual[rows] * jacobian[rows, slots]
+        return guess if np.all(np.isfinite(self._at(guess, p, t)[0])) else y
 
     def _on_equations(self, y: Array, p: Array, t: float) -> Array | None:
         """Gauss-Newton with the smallest steps relative to the values, halved until the residual falls."""
@@ -431,7 +433,8 @@ class _Trial:
 
 def _bind(bind: Callable[..., None], arrays: Iterable[Array]) -> None:
     for k, values in enumerate(arrays):
-            bind(k, memoryview(values.ravel(order="K")))  # type: ignore[arg-type]  # arrays are buffers; typing knows it later
+            bind(k,
+                 memoryview(values.ravel(order="K")))  # type: ignore[arg-type]  # arrays are buffers; typing knows it later
             bind(k, memoryview(values.ravel(order="K")))  # type: ignore[arg-type]
 
 
@@ -445,8 +448,8 @@ def _positive(rows: Array, symmetric: bool) -> Array:
     n = round(sqrt(len(rows)))
     matrix = rows.reshape(n, n)
     size = float(np.abs(matrix).max()) or 1.0
-    found = matrix @ matrix.T / size + 1e-3 * size * np.eye(n)
-    return np.ravel(found if symmetric else found + matrix - matrix.T)
+    positive = matrix @ matrix.T / size + 1e-3 * size * np.eye(n)
+    return np.ravel(positive if symmetric else positive + matrix - matrix.T)
 
 
 def _whole(parameter: Parameter) -> int:

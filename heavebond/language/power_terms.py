@@ -27,14 +27,14 @@ CREATED, UNDECLARED, UNTRIED = "power-created", "power-undeclared", "power-untri
 
 def used(library: Library, bodies: Iterable[Body]) -> list[Component]:
     """The user-defined components in diagrams and blocks, each once; the bundled ones are checked by tests."""
-    found: dict[str, Component] = {}
+    components_used: dict[str, Component] = {}
     waiting = list(bodies)
     while waiting:
         for instance in waiting.pop().instances.values():
-            if instance.kind not in found:
-                found[instance.kind] = component = library.component(instance.kind, instance.kind_place)
+            if instance.kind not in components_used:
+                components_used[instance.kind] = component = library.component(instance.kind, instance.kind_place)
                 waiting.append(component.body)
-    return [component for component in found.values() if not is_bundled(component.path)]
+    return [component for component in components_used.values() if not is_bundled(component.path)]
 
 
 def power_problems(components: Iterable[Component], domains: Mapping[str, Domain]) -> Iterator[Problem]:
@@ -67,9 +67,9 @@ def power_problem(component: Component, domains: Mapping[str, Domain]) -> Proble
         signs[list(chosen)] = -1
         if negligible(rows[:, 5:] @ signs - stored - dissipated - unbalanced):
             return _turned(component, domains, [ports[k] for k in chosen], len(chosen) == len(ports))
-    for formula, rest, key in ((component.dissipates, power - stored + dissipated, "dissipates"),
-                               (component.stores, power + stored - dissipated, "stores")):
-        if formula is not None and negligible(rest - unbalanced):
+    for formula, remainder, key in ((component.dissipates, power - stored + dissipated, "dissipates"),
+                                    (component.stores, power + stored - dissipated, "stores")):
+        if formula is not None and negligible(remainder - unbalanced):
             return _problem(f"`{key}: {formula.text}` of {component.name} has the wrong sign: with the other its power "
                             "balances", formula.place, ())
     lines = _lines_of(component, domains, ports)
@@ -103,13 +103,13 @@ def _negative(component: Component, share: Array) -> Problem:
 def _undeclared(component: Component, domains: Mapping[str, Domain], ports: tuple[str, ...], share: Array) -> Problem:
     lines = _lines_of(component, domains, ports)
     takes = bool((share >= -TOLERANCE).all())
-    found = Problem(UNDECLARED, f"{component.name} {'takes in' if takes else 'gives'} power and does not declare its "
-                    f"{'storage or dissipation' if takes else 'source'}",
-                    lines[0].place if lines else component.place,
-                    "Write `dissipates:` or `stores:` with the formula, then a wrong sign is found." if takes else
-                    "If it should not, reverse the sign of its force law. If it may, write `power: source`, or `stores:` "
-                    "or `dissipates:` with the formula.")
-    return replace(found, notes=tuple(_told(lines[1:])))
+    problem = Problem(UNDECLARED, f"{component.name} {'takes in' if takes else 'gives'} power and does not declare its "
+                      f"{'storage or dissipation' if takes else 'source'}",
+                      lines[0].place if lines else component.place,
+                      "Write `dissipates:` or `stores:` with the formula, then a wrong sign is found." if takes else
+                      "If it should not, reverse the sign of its force law. If it may, write `power: source`, or `stores:` "
+                      "or `dissipates:` with the formula.")
+    return replace(problem, notes=tuple(_told(lines[1:])))
 
 
 def _turned(component: Component, domains: Mapping[str, Domain], ports: list[str], every: bool) -> Problem:
@@ -119,10 +119,11 @@ def _turned(component: Component, domains: Mapping[str, Domain], ports: list[str
     message += " (or the sign of `stores:` and `dissipates:`)" if every else ""
     if len(lines) == 1:
         message += f": `{lines[0].text}`"
-    through = {m for port in ports if (own := component.ports.get(port.partition("[")[0])) and own.domain in domains
-               for m in domains[own.domain].through}
-    what = either(sorted(through) or ["flow"])
-    rule = f"{what} {'count' if len(through) > 1 else 'counts'} into the component at every port"
+    through = {m for port in ports
+               if (declared := component.ports.get(port.partition("[")[0])) and declared.domain in domains
+               for m in domains[declared.domain].through}
+    through_text = either(sorted(through) or ["flow"])
+    rule = f"{through_text} {'count' if len(through) > 1 else 'counts'} into the component at every port"
     return _problem(message, lines[0].place if lines else component.place, [*_told(lines[1:]), f"The sign rule: {rule}."])
 
 
@@ -134,11 +135,11 @@ def _lines_of(component: Component, domains: Mapping[str, Domain], ports: Iterab
     """The equations that set the through variables of ports; equations with a through variable alone on one side first."""
     wanted = {port.partition("[")[0] for port in ports}
     shared = {member for domain in domains.values() for member in (*domain.across, *domain.positions)}
-    found = [line for line in component.equations
-             if any(name.partition("[")[0].partition(".")[0] in wanted for side in (line.tree.left, line.tree.right)
-                    if isinstance(side, Name) for name in [side.text])
+    matching_lines = [line for line in component.equations
+                      if any(name.partition("[")[0].partition(".")[0] in wanted for side in (line.tree.left, line.tree.right)
+                             if isinstance(side, Name) for name in [side.text])
              and not any(name.rpartition(".")[2] in shared for name in _names(line.tree.left) | _names(line.tree.right))]
-    return found or [line for line in component.equations if any(
+    return matching_lines or [line for line in component.equations if any(
         name.partition("[")[0].partition(".")[0] in wanted for name in _names(line.tree.left) | _names(line.tree.right))]
 
 

@@ -61,16 +61,16 @@ def known_keys(node: Mapping, allowed: Iterable[str], what: str, problems: Probl
                required: Iterable[str] = ()) -> None:
     """Check that every key is known to `what`, and that no required key is missing."""
     allowed = list(allowed)
-    meant = set()
+    missing_colon = set()
     for name, key in node.keys.items():
         if name not in allowed:
-            meant.add(nearest(name, allowed))
+            missing_colon.add(nearest(name, allowed))
             head, bracket, _ = name.partition(" {")
             problems.add("key-unknown", f"{what} has no entry '{name}'", key.place,
                          hint=(f"A colon is missing: write `{head}: {{...}}`." if bracket and head in allowed else "")
                          or suggest(name, allowed) or f"Known: {', '.join(allowed)}.")
     for name in required:
-        if name not in node.items and name not in meant:
+        if name not in node.items and name not in missing_colon:
             problems.add("key-missing", f"{what} needs the entry '{name}'", node.place,
                          hint=f"Add {EXAMPLES.get(name, f'`{name}: ...`')}.")
 
@@ -88,15 +88,15 @@ def declarations(node: Node | None, what: str, build: Callable[[Scalar, Mapping]
     """Apply `build` to each declaration `name: {unit: ..., doc: ...}`, by name; malformed declarations are omitted with a
     problem."""
     entries = mapping(node, what, problems)
-    found: dict[str, D] = {}
+    built: dict[str, D] = {}
     for name, item in (entries.items if entries else {}).items():
         key = entries.keys[name] if entries else None
         if key is None or not identifier(key, f"one of the {what}", problems):
             continue
         entry = mapping(item, f"'{name}'", problems, f"Write `{name}: {{unit: ..., doc: ...}}`.")
         if entry is not None:
-            found[name] = build(key, entry)
-    return found
+            built[name] = build(key, entry)
+    return built
 
 
 def text(node: Node | None, what: str, problems: Problems, default: str = "") -> str:
@@ -111,11 +111,11 @@ def text(node: Node | None, what: str, problems: Problems, default: str = "") ->
 
 def choice(node: Node | None, what: str, allowed: tuple[str, ...], problems: Problems) -> str:
     """The node as one of the words allowed; empty if it is absent or, with a problem, another word."""
-    found = text(node, what, problems)
-    if node is None or not found or found in allowed:
-        return found
-    problems.add(f"{what}-unknown", f"`{what}: {found}` is not known", node.place,
-                 hint=suggest(found, allowed) or "Write " + " or ".join(f"`{what}: {word}`" for word in allowed) + ".")
+    word_read = text(node, what, problems)
+    if node is None or not word_read or word_read in allowed:
+        return word_read
+    problems.add(f"{what}-unknown", f"`{what}: {word_read}` is not known", node.place,
+                 hint=suggest(word_read, allowed) or "Write " + " or ".join(f"`{what}: {word}`" for word in allowed) + ".")
     return ""
 
 
@@ -357,13 +357,13 @@ def sizes(node: Mapping, problems: Problems) -> tuple[Expr | None, ...]:
     counted = node.items.get("count")
     if counted is None:
         return ()
-    found = counted.items if isinstance(counted, Sequence) else [counted]
-    if len(found) > 2 or not found or not all(isinstance(size, Scalar) for size in found):
+    entries = counted.items if isinstance(counted, Sequence) else [counted]
+    if len(entries) > 2 or not entries or not all(isinstance(size, Scalar) for size in entries):
         problems.add("count-bad", "`count:` is the length of a list, or rows and columns of a matrix", counted.place,
                      hint="Write `count: n` or `count: [n, m]`.")
         return ()
     return tuple(parsed(lambda t: parse_formula(t, units=False), size.text, size.place, problems)
-                 for size in found if isinstance(size, Scalar))
+                 for size in entries if isinstance(size, Scalar))
 
 
 def body(node: Mapping, source: Source, problems: Problems, kinds: Kinds | None = None) -> Body:
@@ -391,9 +391,9 @@ def body(node: Mapping, source: Source, problems: Problems, kinds: Kinds | None 
 
 def _ports(name: str, node: Node, problems: Problems) -> list[Scalar]:
     """The ports of a node; also those of a text without brackets, with a problem."""
-    found = words(node, f"node '{name}'", problems)
+    port_words = words(node, f"node '{name}'", problems)
     if not isinstance(node, Scalar) or len(ports := re.split(r"[\s,;&]+(?:-[\s,;&]+)*", node.text.strip())) < 2:
-        return found
+        return port_words
     problems.add("node-not-a-list", f"node '{name}' is a text; a list of ports is expected", node.place,
                  hint=f"Write `{name}: [{', '.join(ports)}]`.")
     return [Scalar(port, node.place) for port in ports]
@@ -416,9 +416,9 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems, kinds:
         return None
     kind = entry.items.get("is")
     if not isinstance(kind, Scalar):
-        said = [s.text for n, s in entry.items.items() if isinstance(s, Scalar)
-                and (n in ("type", "kind", "Is", "IS") or CAMEL_CASE.fullmatch(s.text))]
-        guess = said[0] if said else "Spring"
+        kind_words = [s.text for n, s in entry.items.items() if isinstance(s, Scalar)
+                      and (n in ("type", "kind", "Is", "IS") or CAMEL_CASE.fullmatch(s.text))]
+        guess = kind_words[0] if kind_words else "Spring"
         problems.add("kind-missing", f"'{key.text}' has no `is:`", key.place,
                      hint=f"Write `{key.text}: {{is: {guess}, ...}}`.")
         return None
@@ -426,7 +426,7 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems, kinds:
     at: tuple[float, ...] | None = None
     repeat = None
     data: tuple[tuple[str, Place], ...] = ()
-    for name, item in ((element_path(key), found) for key, found in entry.items.items()):
+    for name, item in ((element_path(key), entry_value) for key, entry_value in entry.items.items()):
         if name == "is":
             continue
         if name == "at":
@@ -456,19 +456,19 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems, kinds:
 def elements(node: Sequence, name: str, what: str, problems: Problems) -> dict[str, Value]:
     """Name the values of a list by its elements: `x: [0 mm, 2 mm]` gives x[1] and x[2], and a matrix, a list of rows, `K:
     [[1, 2], [3, 4]]` gives K[1][1] to K[2][2]."""
-    found: dict[str, Value] = {}
+    values_by_element: dict[str, Value] = {}
     rows = [len(item.items) if isinstance(item, Sequence) else 0 for item in node.items]
     if len(set(rows)) > 1:
         problems.add("matrix-rows", f"the rows of {what} differ in length" if all(rows) else
                      f"{what} is a list of values and of lists", node.place,
                      hint="A matrix is a list of its rows, `[[1, 2], [3, 4]]`, all of one length.")
-        return found
+        return values_by_element
     for k, item in enumerate(node.items, 1):
         if isinstance(item, Sequence) and "[" not in name:
-            found.update(elements(item, f"{name}[{k}]", f"{what}[{k}]", problems))
+            values_by_element.update(elements(item, f"{name}[{k}]", f"{what}[{k}]", problems))
         elif (number := value(item, f"{what}[{k}]", problems)) is not None:
-            found[f"{name}[{k}]"] = number
-    return found
+            values_by_element[f"{name}[{k}]"] = number
+    return values_by_element
 
 
 def element_path(path: str) -> str:

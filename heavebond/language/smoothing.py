@@ -36,18 +36,18 @@ class SmoothedColumn:
 def rounded(column: ca.SX, symbols: Sequence[ca.SX]) -> SmoothedColumn:
     """Round every corner of the column (m,) of its symbols."""
     function = ca.Function("column", list(symbols), [column])
-    given = [ca.vec(s).nz for s in symbols]
+    symbol_elements = [ca.vec(s).nz for s in symbols]
     work: dict[int, ca.SX] = {}
-    found = [ca.SX(0)] * column.numel()
+    replaced = [ca.SX(0)] * column.numel()
     widths: list[ca.SX] = []
     at: list[ca.SX] = []
     for k in range(function.n_instructions()):
         op = function.instruction_id(k)
         inputs, outputs = function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_OUTPUT:
-            found[outputs[1]] = work[inputs[0]]
+            replaced[outputs[1]] = work[inputs[0]]
         elif op == ca.OP_INPUT:
-            work[outputs[0]] = ca.SX(given[inputs[0]][inputs[1]])
+            work[outputs[0]] = ca.SX(symbol_elements[inputs[0]][inputs[1]])
         elif op == ca.OP_CONST:
             work[outputs[0]] = ca.SX(function.instruction_constant(k))
         else:
@@ -58,7 +58,7 @@ def rounded(column: ca.SX, symbols: Sequence[ca.SX]) -> SmoothedColumn:
                 work[outputs[0]] = _turned(op, args, at[-1], widths[-1])
             else:
                 work[outputs[0]] = _operated(op, args)
-    return SmoothedColumn(stack(found), stack(widths), stack(at))
+    return SmoothedColumn(stack(replaced), stack(widths), stack(at))
 
 
 def _turned(op: int, args: Sequence[ca.SX], off: ca.SX, width: ca.SX) -> ca.SX:

@@ -118,14 +118,14 @@ def indicator(expr: Expr, context: Context, still: Set[int] = frozenset()) -> ca
     `n >= 2` gives 1 or -1.
     """
     if isinstance(expr, Compare):
-        left, right = evaluate(expr.left, context), evaluate(expr.right, context)
-        if expr.op in OPPOSITE and {s.element_hash() for s in ca.symvar(left - right)} <= still:
-            return ca.if_else(operated(expr.op, left, right), ca.SX(1), ca.SX(-1))
+        left_value, right = evaluate(expr.left, context), evaluate(expr.right, context)
+        if expr.op in OPPOSITE and {s.element_hash() for s in ca.symvar(left_value - right)} <= still:
+            return ca.if_else(operated(expr.op, left_value, right), ca.SX(1), ca.SX(-1))
         if expr.op in ("<", "<="):
-            return right - left
+            return right - left_value
         if expr.op in (">", ">="):
-            return left - right
-        equal = ca.if_else(left == right, ca.SX(1), ca.SX(-1))
+            return left_value - right
+        equal = ca.if_else(left_value == right, ca.SX(1), ca.SX(-1))
         return equal if expr.op == "==" else -equal
     if isinstance(expr, Logic):
         both = indicator(expr.left, context, still), indicator(expr.right, context, still)
@@ -157,10 +157,10 @@ def _name(expr: Name, context: Context) -> ca.SX:
                                         hint="Write the lower index first, as in `x[1..3]`.")
             each = [Name((*expr.parts[:k], Number(i, None, 0), *expr.parts[k + 1:]), expr.column, expr.length)
                     for i in range(low, high + 1)]
-            found = [_name(element, context) for element in each]
+            elements = [_name(element, context) for element in each]
             # a second slice gives each row as a column
-            return ca.vertcat(*(row.T for row in found)) if any(isinstance(p, Slice) for p in expr.parts[k + 1:]) else \
-                stack(found)
+            return ca.vertcat(*(row.T for row in elements)) if any(isinstance(p, Slice) for p in expr.parts[k + 1:]) else \
+                stack(elements)
         else:
             words[-1] += f"[{_integer(part, context)}]"
     text = ".".join(words)
@@ -172,11 +172,11 @@ def _name(expr: Name, context: Context) -> ca.SX:
 
 
 def _integer(expr: Expr, context: Context) -> int:
-    found = evaluate(expr, context)
-    if not found.is_constant() or float(found) != int(float(found)):
+    number_read = evaluate(expr, context)
+    if not number_read.is_constant() or float(number_read) != int(float(number_read)):
         raise ExpressionProblem("not-an-integer", "a whole number is needed here", getattr(expr, "column", 0),
                                 hint="Write a number such as 3, or the name of an integer parameter.")
-    return int(float(found))
+    return int(float(number_read))
 
 
 def operated(op: str, left: ca.SX, right: ca.SX) -> ca.SX:
@@ -187,10 +187,10 @@ def operated(op: str, left: ca.SX, right: ca.SX) -> ca.SX:
 
 
 def _binary(expr: Binary, context: Context) -> ca.SX:
-    left, right = evaluate(expr.left, context), evaluate(expr.right, context)
-    if expr.op == "*" and not left.is_scalar() and not right.is_scalar():
-        return ca.mtimes(left, right)  # shapes have been checked: a matrix times a vector or a matrix
-    return operated(expr.op, left, right)
+    left_value, right = evaluate(expr.left, context), evaluate(expr.right, context)
+    if expr.op == "*" and not left_value.is_scalar() and not right.is_scalar():
+        return ca.mtimes(left_value, right)  # shapes have been checked: a matrix times a vector or a matrix
+    return operated(expr.op, left_value, right)
 
 
 def _call(expr: Call, context: Context) -> ca.SX:
@@ -236,13 +236,13 @@ def _matrix_property(name: str, given: ca.SX, expr: Call) -> ca.SX:
     largest = ca.mmax(ca.fabs(rows))
     if name == "symmetric":
         return ca.mmax(ca.fabs(matrix - matrix.T)) <= MATRIX_ROUNDING * largest
-    left = (matrix + matrix.T) / 2
+    symmetric_part = (matrix + matrix.T) / 2
     if name == "semidefinite":
-        left += (MATRIX_ROUNDING * largest + TINY) * ca.SX.eye(n)
+        symmetric_part += (MATRIX_ROUNDING * largest + TINY) * ca.SX.eye(n)
     truth = ca.SX(1)
     for k in range(n):
-        truth = ca.logic_and(truth, left[k, k] > 0)
-        left -= ca.mtimes(left[:, k], left[k, :]) / left[k, k]
+        truth = ca.logic_and(truth, symmetric_part[k, k] > 0)
+        symmetric_part -= ca.mtimes(symmetric_part[:, k], symmetric_part[k, :]) / symmetric_part[k, k]
     return truth
 
 
@@ -270,11 +270,11 @@ def stepwise(function: Function, args: Iterable[ca.SX]) -> dict[str, ca.SX]:
 
 def _sizes(function: Function, values: Mapping[str, ca.SX]) -> dict[str, int]:
     """The whole numbers that follow from the lengths of the arguments."""
-    found: dict[str, int] = {}
+    sizes: dict[str, int] = {}
     for name, quantity in function.inputs.items():
         shape = (values[name].numel(),) if len(quantity.sizes) == 1 else values[name].shape
-        found.update({size.text: n for size, n in zip(quantity.sizes, shape, strict=False) if isinstance(size, Name)})
-    return found
+        sizes.update({size.text: n for size, n in zip(quantity.sizes, shape, strict=False) if isinstance(size, Name)})
+    return sizes
 
 
 def _element(values: Mapping[str, ca.SX], text: str, name: Name) -> ca.SX:
@@ -282,12 +282,12 @@ def _element(values: Mapping[str, ca.SX], text: str, name: Name) -> ca.SX:
     base, bracket, indices = text.partition("[")
     if not bracket:
         return values[base]
-    found, places = values[base], [int(k) - 1 for k in indices[:-1].split("][")]
-    if any(not 0 <= k < n for k, n in zip(places, found.shape, strict=False)):
-        raise ExpressionProblem("list-index", f"'{text}' is not an element of {base}, which has {found.shape[0]}"
-                                + f" x {found.shape[1]}" * (len(places) > 1), name.column, name.length,
+    column, places = values[base], [int(k) - 1 for k in indices[:-1].split("][")]
+    if any(not 0 <= k < n for k, n in zip(places, column.shape, strict=False)):
+        raise ExpressionProblem("list-index", f"'{text}' is not an element of {base}, which has {column.shape[0]}"
+                                + f" x {column.shape[1]}" * (len(places) > 1), name.column, name.length,
                                 "An index counts from 1.")
-    return found[places[0]] if len(places) == 1 else found[places[0], places[1]]
+    return column[places[0]] if len(places) == 1 else column[places[0], places[1]]
 
 
 def _sum_over(expr: SumOver, context: Context) -> ca.SX:
@@ -327,7 +327,7 @@ def nonsmooth(expr: Expr, constants: Callable[[str], bool]) -> str | None:
         return expr.function
     if isinstance(expr, FunctionCall) and (inside := _kink_inside(expr, constants)):
         return inside
-    return next((found for child in children(expr) if (found := nonsmooth(child, constants))), None)
+    return next((inner for child in children(expr) if (inner := nonsmooth(child, constants))), None)
 
 
 def _kink_inside(call: FunctionCall, constants: Callable[[str], bool]) -> str | None:
@@ -339,8 +339,8 @@ def _kink_inside(call: FunctionCall, constants: Callable[[str], bool]) -> str | 
         return text.partition("[")[0] not in moving
 
     for step in function.needed(call.output):
-        if found := nonsmooth(step.expr, still):
-            return found
+        if inner := nonsmooth(step.expr, still):
+            return inner
         if varies(step.expr, still):
             moving.add(step.name)
     return None

@@ -115,13 +115,13 @@ class _Builder:
 
     def _lists(self) -> dict[str, Shape]:
         """The shape of each list of parameters, variables or signals: the shape of `x` by its last element `x[3]`."""
-        found: dict[str, Shape] = {}
+        shapes: dict[str, Shape] = {}
         for name in (*self.parameters, *self.held, *self.component.signals, *self.component.unknowns):
             base, bracket, last = name.partition("[")
             if bracket:
                 rows, _, columns = last[:-1].partition("][")
-                found[base] = (int(rows), int(columns)) if columns else int(rows)
-        return found
+                shapes[base] = (int(rows), int(columns)) if columns else int(rows)
+        return shapes
 
     def _length(self, name: Name) -> Shape:
         """The shape of a name's value; None for a number."""
@@ -210,12 +210,12 @@ class _Builder:
             for index in self._indices(equation.each, equation.place):
                 self.context = self._context(index)
                 shape = self._shape_of(equation)
-                left = self._evaluated(equation.tree.left, equation.place)
+                left_value = self._evaluated(equation.tree.left, equation.place)
                 right = self._evaluated(equation.tree.right, equation.place)
                 kink = nonsmooth(equation.tree.left, constant) or nonsmooth(equation.tree.right, constant)
-                lines += [Line(equation.label + which, equation.text.strip(), equation.place, kink)
-                          for which in _elements(shape)]
-                residuals.append(ca.vec(operated("-", left, right).T))  # row by row; a plain 0 is a list of zeros
+                lines += [Line(equation.label + suffix, equation.text.strip(), equation.place, kink)
+                          for suffix in _elements(shape)]
+                residuals.append(ca.vec(operated("-", left_value, right).T))  # row by row; a plain 0 is a list of zeros
         self.context = self._context({})
         return lines, residuals
 
@@ -246,8 +246,8 @@ class _Builder:
     def template(self) -> Template:
         lines, residuals = self._lines()
         arguments = [stack(level.values()) for level in self.levels]
-        parameters, given = stack(self.parameters.values()), stack([*self.parameters.values(), *self.held.values()])
-        inputs = [*arguments, given, self.time, self.rate]
+        parameters, constants = stack(self.parameters.values()), stack([*self.parameters.values(), *self.held.values()])
+        inputs = [*arguments, constants, self.time, self.rate]
         stacked = stack(residuals)
         entries = classify(stacked, stack(arguments), {s.element_hash() for s in self.parameters.values()},
                            self._bounds())

@@ -33,14 +33,14 @@ def check_bounds(name: str, parameter: Parameter, number: float, value: Value, p
     if isfinite(number) and (parameter.low is None or number >= parameter.low) and \
             (parameter.high is None or number <= parameter.high):
         return
-    shown = value.text.lstrip("= ")
+    value_text = value.text.lstrip("= ")
     if not isinstance(value.expr, Number) or value.si:
-        shown = f"{shown}, that is {number:g} {parameter.unit.text}".removesuffix(" 1") + ","
+        value_text = f"{value_text}, that is {number:g} {parameter.unit.text}".removesuffix(" 1") + ","
     if not isfinite(number):
         problems.add("value-not-finite", f"{name} = {value.text.lstrip('= ')} has no finite value", value.place,
                      hint=NOT_FINITE)
     else:
-        problems.add("parameter-bound", f"{name} = {shown} is not allowed; it must be {bounds_text(parameter)}",
+        problems.add("parameter-bound", f"{name} = {value_text} is not allowed; it must be {bounds_text(parameter)}",
                      value.place, notes=[f"{parameter.name}: {parameter.doc}"] if parameter.doc else [],
                      hint="Give a value in that range.")
 

@@ -39,13 +39,13 @@ class ViewShape:
 def read_view(node: Node | None, problems: Problems) -> dict[str, ViewShape]:
     """The shapes in drawing order, background first."""
     entries = reading.mapping(node, "view", problems)
-    found = {}
+    shapes = {}
     for name, item in (entries.items if entries else {}).items():
         if entries and reading.identifier(entries.keys[name], "a shape", problems):
-            seen = _seen(name, item, problems)
-            if seen is not None:
-                found[name] = seen
-    return found
+            shape = _seen(name, item, problems)
+            if shape is not None:
+                shapes[name] = shape
+    return shapes
 
 
 def _seen(name: str, item: Node, problems: Problems) -> ViewShape | None:

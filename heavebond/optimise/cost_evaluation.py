@@ -129,11 +129,11 @@ class Evaluator:
         if pointwise:
             run = result.dense if self.sampled else result
             inside = run.time >= (self.begin if self.sampled else run.time[-1])
-            signals, ways = _signal_sensitivities(self._finals, run, inside)
+            signals, signal_slopes = _signal_sensitivities(self._finals, run, inside)
             for k in pointwise:
                 kind = self.functionals[k].kind
-                values[k], slopes[:, k] = (signals[k, -1], ways[:, k, -1]) if kind == "final" else \
-                    sampled_value(kind, run.time[inside], signals[k], ways[:, k], self.functionals[k].exponent)
+                values[k], slopes[:, k] = (signals[k, -1], signal_slopes[:, k, -1]) if kind == "final" else \
+                    sampled_value(kind, run.time[inside], signals[k], signal_slopes[:, k], self.functionals[k].exponent)
         return values, slopes
 
     def curvature(self, result: Result, references: Array) -> Array:

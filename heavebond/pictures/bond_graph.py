@@ -135,14 +135,14 @@ class _Builder:
             self._bond(path if path in self.vertices else f"{path} on", port, ports[port], 1, True)
 
     def _ends(self, path: str, component: Component) -> list[str]:
-        found = []
+        ends_found = []
         for port in component.ports.values():
             if port.count is None:
-                found.append(f"{path}.{port.name}")
+                ends_found.append(f"{path}.{port.name}")
             else:
-                found += [e.name for j in self.expanded.junctions.values() for e in j.ends
-                          if e.leaf == path and e.sign > 0 and e.port.partition("[")[0] == port.name]
-        return found
+                ends_found += [e.name for j in self.expanded.junctions.values() for e in j.ends
+                               if e.leaf == path and e.sign > 0 and e.port.partition("[")[0] == port.name]
+        return ends_found
 
     def _domain(self, path: str, port: str) -> Domain | None:
         return self._domains().get(self.network.domains[path].get(_array(port, path), ""))
@@ -180,23 +180,23 @@ class _Builder:
                  ports: dict[str, int]) -> None:
         """One junction between two nodes, and on it the element."""
         letters = self._letters(path, component, power)
-        found = self._domain(path, power[0])
-        assert found is not None
+        domain = self._domain(path, power[0])
+        assert domain is not None
         if len(letters) == 1:
             middle = f"{path} on"
-            self._joined(Vertex(middle, ZERO if _shares_flow(found) else ONE_JUNCTION, "", found.name), signs, ports)
-            self.vertices[path] = Vertex(path, letters[0], path, found.name)
+            self._joined(Vertex(middle, ZERO if _shares_flow(domain) else ONE_JUNCTION, "", domain.name), signs, ports)
+            self.vertices[path] = Vertex(path, letters[0], path, domain.name)
             ends = (path, middle) if letters[0] in SOURCES else (middle, path)
-            self.bonds.append(Bond(*ends, found.name))
+            self.bonds.append(Bond(*ends, domain.name))
         else:
-            self._side_by_side(path, letters, found.name, signs, ports)
+            self._side_by_side(path, letters, domain.name, signs, ports)
 
     def _side_by_side(self, path: str, letters: tuple[str, ...], domain: str, signs: dict[str, int],
                       ports: dict[str, int]) -> None:
         """Store and loss as two elements that share the difference of two ports, or the effort of one port."""
         self.beside.append(path)
-        found = self._domains()[domain]
-        middle, kinds = f"{path} on", (ZERO, ONE_JUNCTION) if _shares_flow(found) else (ONE_JUNCTION, ZERO)
+        domain_found = self._domains()[domain]
+        middle, kinds = f"{path} on", (ZERO, ONE_JUNCTION) if _shares_flow(domain_found) else (ONE_JUNCTION, ZERO)
         self._joined(Vertex(middle, kinds[0] if len(signs) > 1 else kinds[1], "", domain), signs, ports)
         hub = middle
         if len(signs) > 1:
@@ -212,8 +212,8 @@ class _Builder:
         """Signs of two ports, inwards (1) and outwards (-1), if both have the same effort or flow; else empty."""
         sides = [_right_side(component, p.removeprefix(path + "."), self._through(path, p)) for p in power]
         for k in range(2):
-            own = f"{power[k].removeprefix(path + '.')}.{self._through(path, power[k])}"
-            if sides[1 - k] and sides[1 - k] in (f"-{sides[k]}", f"-({sides[k]})", f"-{own}"):
+            through_name = f"{power[k].removeprefix(path + '.')}.{self._through(path, power[k])}"
+            if sides[1 - k] and sides[1 - k] in (f"-{sides[k]}", f"-({sides[k]})", f"-{through_name}"):
                 return {power[k]: 1, power[1 - k]: -1}
         return {}
 
@@ -221,9 +221,9 @@ class _Builder:
         """Letters of an element on one junction."""
         if component.power == "source":
             return (self._imposed(path, component, power),)
-        found = tuple(dict.fromkeys([*([self._store(path, component, power)] if component.stores else []),
-                                     *(["R"] if component.dissipates else [])]))
-        return found or (self._imposed(path, component, power),)
+        letters = tuple(dict.fromkeys([*([self._store(path, component, power)] if component.stores else []),
+                                       *(["R"] if component.dissipates else [])]))
+        return letters or (self._imposed(path, component, power),)
 
     def _store(self, path: str, component: Component, power: list[str]) -> str:
         """I if the energy is a function of a flow, C if it is a function of an effort or a displacement."""
@@ -257,14 +257,14 @@ class _Builder:
             return ""
         kinds = set()
         for line in component.equations:
-            found = set()
+            relations = set()
             for name in (n for side in (line.tree.left, line.tree.right) for n in names(side)):
                 for port in power:
                     domain = self._domain(path, port)
                     if domain and name.text.startswith(port.removeprefix(path + ".") + "."):
-                        found.add((port, name.text.rpartition(".")[2] == domain.effort))
-            if len({port for port, _ in found}) == 2 and len(found) == 2:
-                kinds.add(len({effort for _, effort in found}) == 1)
+                        relations.add((port, name.text.rpartition(".")[2] == domain.effort))
+            if len({port for port, _ in relations}) == 2 and len(relations) == 2:
+                kinds.add(len({effort for _, effort in relations}) == 1)
         return {frozenset([True]): "TF", frozenset([False]): "GY"}.get(frozenset(kinds), "")
 
 
@@ -279,8 +279,8 @@ def _shares_flow(domain: Domain) -> bool:
 def _right_side(component: Component, port: str, through: str) -> str:
     """The expression to which a port's through variable is set, without blanks; empty if no equation does so directly."""
     for line in component.equations:
-        left, sign, right = line.text.partition("=")
-        if sign and left.strip() == f"{port}.{through}":
+        left_side, sign, right = line.text.partition("=")
+        if sign and left_side.strip() == f"{port}.{through}":
             return "".join(right.split("#")[0].split())
     return ""
 
@@ -324,9 +324,11 @@ def causal(graph: BondGraph) -> BondGraph:
     found = strokes.found
     vertices = {}
     for key, vertex in kinds.items():
-        own = strokes.around.get(key, ())
-        late = vertex.letter in STORES and any(found[k] != _preferred(graph.bonds[k], key, vertex.letter) for k in own)
-        forced = vertex.letter in SOURCES and any(found[k] != _preferred(graph.bonds[k], key, vertex.letter) for k in own)
+        bonds_at_key = strokes.around.get(key, ())
+        late = vertex.letter in STORES and any(found[k] != _preferred(graph.bonds[k], key, vertex.letter)
+                                               for k in bonds_at_key)
+        forced = vertex.letter in SOURCES and any(found[k] != _preferred(graph.bonds[k], key, vertex.letter)
+                                                  for k in bonds_at_key)
         vertices[key] = replace(vertex, derivative=late, broken=forced or not strokes.holds(key))
     bonds = tuple(replace(b, stroke=found.get(k, "")) for k, b in enumerate(graph.bonds))
     return replace(graph, vertices=vertices, bonds=bonds, choices=choices)
@@ -335,8 +337,8 @@ def causal(graph: BondGraph) -> BondGraph:
 def _preferred(bond: Bond, key: str, letter: str) -> str:
     """End of the stroke for a source, or a store in integral form: Se and C impose effort on the other end, Sf and I
     receive it."""
-    other = bond.head if bond.tail == key else bond.tail
-    return other if letter in ("Se", "C") else key
+    opposite = bond.head if bond.tail == key else bond.tail
+    return opposite if letter in ("Se", "C") else key
 
 
 class _Strokes:
@@ -362,10 +364,10 @@ class _Strokes:
                     waiting += self._compelled(key)
 
     def _compelled(self, key: str) -> list[tuple[int, str]]:
-        letter, own = self.graph.vertices[key].letter, self.around[key]
-        here = [k for k in own if self.found.get(k) == key]
-        away = [k for k in own if k in self.found and self.found[k] != key]
-        open_ones = [k for k in own if k not in self.found]
+        letter, bonds_at_key = self.graph.vertices[key].letter, self.around[key]
+        here = [k for k in bonds_at_key if self.found.get(k) == key]
+        away = [k for k in bonds_at_key if k in self.found and self.found[k] != key]
+        open_ones = [k for k in bonds_at_key if k not in self.found]
         if not open_ones:
             return []
         if letter in (ZERO, ONE_JUNCTION):  # one bond of the special kind, the others alike
@@ -373,10 +375,10 @@ class _Strokes:
             at_special, at_usual = (self._at, self._from) if letter == ZERO else (self._from, self._at)
             if special:
                 return [at_usual(k, key) for k in open_ones]
-            return [at_special(k, key) for k in open_ones] if len(usual) == len(own) - 1 else []
-        if letter == "TF" and len(own) == 2:
+            return [at_special(k, key) for k in open_ones] if len(usual) == len(bonds_at_key) - 1 else []
+        if letter == "TF" and len(bonds_at_key) == 2:
             return [self._from(k, key) if here else self._at(k, key) for k in open_ones]
-        if letter == "GY" and len(own) == 2:
+        if letter == "GY" and len(bonds_at_key) == 2:
             return [self._at(k, key) if here else self._from(k, key) for k in open_ones]
         return []
 
@@ -389,14 +391,14 @@ class _Strokes:
 
     def holds(self, key: str) -> bool:
         """True if the constraint of a junction, transformer or gyrator is satisfied."""
-        letter, own = self.graph.vertices[key].letter, self.around.get(key, [])
-        here = sum(self.found.get(k) == key for k in own)
-        if letter == ZERO and own:
-            return here == 1
-        if letter == ONE_JUNCTION and own:
-            return here == len(own) - 1
-        if len(own) == 2 and letter in TWO_PORTS:
-            return here == 1 if letter == "TF" else here != 1
+        letter, bonds_at_key = self.graph.vertices[key].letter, self.around.get(key, [])
+        strokes_at_key = sum(self.found.get(k) == key for k in bonds_at_key)
+        if letter == ZERO and bonds_at_key:
+            return strokes_at_key == 1
+        if letter == ONE_JUNCTION and bonds_at_key:
+            return strokes_at_key == len(bonds_at_key) - 1
+        if len(bonds_at_key) == 2 and letter in TWO_PORTS:
+            return strokes_at_key == 1 if letter == "TF" else strokes_at_key != 1
         return True
 
 
@@ -405,16 +407,16 @@ def told(graph: BondGraph) -> list[str]:
     def listed(paths: Iterable[str]) -> str:
         return ", ".join(paths)
 
-    found = []
+    notes = []
     if graph.derivative:
-        found.append(f"derivative causality: {listed(graph.derivative)} (a state less for each)")
+        notes.append(f"derivative causality: {listed(graph.derivative)} (a state less for each)")
     if graph.choices:
-        found.append(f"{count(graph.choices, 'causal stroke')} chosen freely: an algebraic loop, or a word that decides it "
+        notes.append(f"{count(graph.choices, 'causal stroke')} chosen freely: an algebraic loop, or a word that decides it "
                      "inside")
     if broken := [v.label or v.key for v in graph.vertices.values() if v.broken]:
-        found.append(f"no causality satisfies: {listed(broken)}")
+        notes.append(f"no causality satisfies: {listed(broken)}")
     if graph.beside:
-        found.append(f"store and loss drawn side by side: {listed(graph.beside)}")
+        notes.append(f"store and loss drawn side by side: {listed(graph.beside)}")
     if graph.words:
-        found.append(f"of several equations, drawn as words: {listed(graph.words)}")
-    return found
+        notes.append(f"of several equations, drawn as words: {listed(graph.words)}")
+    return notes

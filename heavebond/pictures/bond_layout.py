@@ -34,16 +34,16 @@ def places(lengths: Mapping[tuple[str, str], float], room: Mapping[str, float]) 
     graph.add_nodes_from(range(len(vertices)))
     graph.add_weighted_edges_from((number[one], number[two], length) for (one, two), length in lengths.items() if one != two)
     wanted = np.asarray(nx.floyd_warshall_numpy(graph))  # the shortest path along bonds
-    found, top = {}, 0.0
+    places_found, top = {}, 0.0
     # connected components, the largest first
     for piece in sorted(map(sorted, nx.connected_components(graph)), key=lambda piece: (-len(piece), piece)):
         inside = {k: n for n, k in enumerate(piece)}
-        own = [(inside[one], inside[two]) for one, two in links if one in inside]
-        points = _laid(wanted[np.ix_(piece, piece)], around[piece], own)
+        piece_links = [(inside[one], inside[two]) for one, two in links if one in inside]
+        points = _laid(wanted[np.ix_(piece, piece)], around[piece], piece_links)
         points += np.array([0.0, top]) - points.min(axis=0)
         top = float(points[:, 1].max()) + ROOM
-        found.update({vertices[k]: (float(x), float(y)) for k, (x, y) in zip(piece, points.tolist(), strict=True)})
-    return found
+        places_found.update({vertices[k]: (float(x), float(y)) for k, (x, y) in zip(piece, points.tolist(), strict=True)})
+    return places_found
 
 
 def _laid(wanted: Array, around: Array, links: Sequence[tuple[int, int]]) -> Array:
@@ -64,9 +64,10 @@ def _scaled(wanted: Array) -> Array:
     """Classical scaling: the two largest principal axes of the squared distances."""
     centred = wanted**2 - np.mean(wanted**2, axis=0)
     values, vectors = np.linalg.eigh(-0.5 * (centred - np.mean(centred, axis=1)[:, None]))
-    found = vectors[:, :-3:-1] * np.sqrt(np.maximum(values[:-3:-1], 1e-9))
+    coordinates = vectors[:, :-3:-1] * np.sqrt(np.maximum(values[:-3:-1], 1e-9))
     spread = 1e-3 * wanted.max() * np.random.default_rng(0).standard_normal((len(wanted), 2))
-    return np.asarray((found if found.shape[1] == 2 else np.column_stack([found, np.zeros(len(wanted))])) + spread)
+    return np.asarray((coordinates if coordinates.shape[1] == 2 else np.column_stack([coordinates, np.zeros(len(wanted))]))
+                      + spread)
 
 
 def _settled(points: Array, wanted: Array, least: Array) -> Array:
@@ -103,9 +104,9 @@ def _covered(points: Array, links: Sequence[tuple[int, int]]) -> int:
     """Number of vertices that nearly lie on a link of others."""
     count = 0
     for one, two in links:
-        way = points[two] - points[one]
-        share = np.clip((points - points[one]) @ way / max(float(way @ way), 1e-9), 0.0, 1.0)
-        off = np.hypot(*(points - points[one] - share[:, None] * way).T)
+        direction = points[two] - points[one]
+        share = np.clip((points - points[one]) @ direction / max(float(direction @ direction), 1e-9), 0.0, 1.0)
+        off = np.hypot(*(points - points[one] - share[:, None] * direction).T)
         off[[one, two]] = np.inf
         count += int((off < NEAR).sum())
     return count

@@ -32,32 +32,32 @@ def draw_bond_graph(model: Model) -> str:
     boxes = {key: shapes[key].moved(*place) for key, place in at.items()}
     ends = _ends(graph, at, boxes)
     lines = [line for bond, path in zip(graph.bonds, ends, strict=True) for line in _bond(graph, bond, path)]
-    taken = list(boxes.values())
+    covered_boxes = list(boxes.values())
     for key, vertex in graph.vertices.items():
         lines += _vertex(vertex, at[key], boxes[key])
         if vertex.label and vertex.letter != WORD:
-            box = _label_box(vertex.label, boxes[key], taken, ends)
-            taken.append(box)
+            box = _label_box(vertex.label, boxes[key], covered_boxes, ends)
+            covered_boxes.append(box)
             lines.append(_text((box.left + box.right) / 2, box.bottom - 3, vertex.label, LABEL.size, QUIET, False))
-    return _page(model, graph, lines, bounds(taken) if taken else Box(0, 0, LEAST, 0))
+    return _page(model, graph, lines, bounds(covered_boxes) if covered_boxes else Box(0, 0, LEAST, 0))
 
 
 def _page(model: Model, graph: BondGraph, lines: list[str], box: Box) -> str:
     """The picture with its title above and notes below."""
     width = max(box.right - box.left, LEAST)
     written = [line for note in told(graph) for line in wrapped(note, SUMMARY, width)]
-    left, top = round(box.left - EDGE), round(box.top - EDGE - 44)
+    left_edge, top = round(box.left - EDGE), round(box.top - EDGE - 44)
     whole_x = round(width + 2 * EDGE)
     whole_y = round(box.bottom + EDGE + 40 + 15 * len(written)) - top
     y = box.bottom + 36
     return "\n".join([
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{whole_x}" height="{whole_y}" '
-        f'viewBox="{left} {top} {whole_x} {whole_y}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
+        f'viewBox="{left_edge} {top} {whole_x} {whole_y}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
         f"<title>{xml(model.name)}, bond graph</title>",
-        f'<rect x="{left}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
-        _text(left + EDGE, top + EDGE + 4, f"{model.name}: bond graph", TITLE.size, "#000000", True, "start"), *lines,
-        *_legend(graph, left + EDGE, y),
-        *(_text(left + EDGE, y + 18 + 15 * k, line.text, SUMMARY.size, QUIET, False, "start")
+        f'<rect x="{left_edge}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
+        _text(left_edge + EDGE, top + EDGE + 4, f"{model.name}: bond graph", TITLE.size, "#000000", True, "start"), *lines,
+        *_legend(graph, left_edge + EDGE, y),
+        *(_text(left_edge + EDGE, y + 18 + 15 * k, line.text, SUMMARY.size, QUIET, False, "start")
           for k, line in enumerate(written)), "</svg>"]) + "\n"
 
 
@@ -93,7 +93,8 @@ def _label_box(label: str, own: Box, taken: list[Box], bonds: list[tuple[Point, 
         (x, own.bottom + 8), (x, own.top - 8), (own.right + wide + 4, y), (own.left - wide - 4, y),
         (own.right + wide, own.bottom + 5), (own.left - wide, own.bottom + 5),
         (own.right + wide, own.top - 5), (own.left - wide, own.top - 5))]
-    covered = [3 * sum(box.meets(other) for other in taken if other is not own) + sum(_through(box, *bond) for bond in bonds)
+    covered = [3 * sum(box.meets(neighbour) for neighbour in taken if neighbour is not own)
+               + sum(_through(box, *bond) for bond in bonds)
                for box in tried]
     return tried[covered.index(min(covered))]
 
@@ -114,7 +115,7 @@ def _text(x: float, y: float, text: str, size: int, colour: str, bold: bool, ali
 def _ends(graph: BondGraph, at: Mapping[str, Point], boxes: Mapping[str, Box]) -> list[tuple[Point, Point]]:
     """End points of each bond: on the line between the centres, outside the boxes of the vertices."""
     pairs = [frozenset((b.tail, b.head)) for b in graph.bonds]
-    found = []
+    end_points = []
     for k, bond in enumerate(graph.bonds):
         (x, y), (u, v) = at[bond.tail], at[bond.head]
         length = ((u - x)**2 + (v - y)**2)**0.5 or 1.0
@@ -123,16 +124,17 @@ def _ends(graph: BondGraph, at: Mapping[str, Point], boxes: Mapping[str, Box]) -
         aside *= 1 if bond.tail < bond.head else -1  # the same side for both directions
         dx, dy = -along[1] * aside, along[0] * aside
         first, last = _out_of(boxes[bond.tail], along, (dx, dy)), _out_of(boxes[bond.head], (-along[0], -along[1]), (dx, dy))
-        found.append(((x + dx + first * along[0], y + dy + first * along[1]),
-                      (u + dx - last * along[0], v + dy - last * along[1])))
-    return found
+        end_points.append(((x + dx + first * along[0], y + dy + first * along[1]),
+                           (u + dx - last * along[0], v + dy - last * along[1])))
+    return end_points
 
 
 def _out_of(box: Box, along: Point, off: Point) -> float:
     """Distance from a point near the centre of a box at which a line leaves it."""
     half = ((box.right - box.left) / 2 + CLEAR, (box.bottom - box.top) / 2 + CLEAR)
-    ways = [(side - o * (1 if a > 0 else -1)) / abs(a) for side, a, o in zip(half, along, off, strict=True) if abs(a) > 1e-9]
-    return max(0.0, min(ways))
+    distances = [(side - o * (1 if a > 0 else -1)) / abs(a) for side, a, o in zip(half, along, off, strict=True)
+                 if abs(a) > 1e-9]
+    return max(0.0, min(distances))
 
 
 def _bond(graph: BondGraph, bond: Bond, ends: tuple[Point, Point]) -> list[str]:
@@ -143,10 +145,10 @@ def _bond(graph: BondGraph, bond: Bond, ends: tuple[Point, Point]) -> list[str]:
     colour = domain_colour(bond.domain)
     late = any(graph.vertices[key].derivative for key in (bond.tail, bond.head))
     dashed = ' stroke-dasharray="4 3"' if bond.modulated else ""
-    said = xml(f"{bond.domain}, power counts from {bond.tail} to {bond.head}")
+    tooltip = xml(f"{bond.domain}, power counts from {bond.tail} to {bond.head}")
     tip = (u - BARB * (0.8 * along[0] - 0.6 * along[1]), v - BARB * (0.8 * along[1] + 0.6 * along[0]))
     lines = [f'<path class="bond" d="M{x:.1f} {y:.1f} L{u:.1f} {v:.1f}" stroke="{colour}" stroke-width="1.6"{dashed}>'
-             f"<title>{said}</title></path>",
+             f"<title>{tooltip}</title></path>",
              f'<path class="half-arrow" d="M{u:.1f} {v:.1f} L{tip[0]:.1f} {tip[1]:.1f}" stroke="{colour}" '
              'stroke-width="1.6"/>']
     if bond.stroke:

@@ -29,8 +29,8 @@ def caption(lines: tuple[Line, ...], shape: Shape, anchors: Sequence[Anchor]) ->
               lettering(lines, shape.left - CLEAR - 2, middle, "end")]
     for y in (below, above):
         right = max((a.x for a in anchors if a.side in ("top", "bottom")), default=0)
-        left = min((a.x for a in anchors if a.side in ("top", "bottom")), default=0)
-        places += [lettering(lines, right + 7, y, "start"), lettering(lines, left - 7, y, "end")]
+        leftmost = min((a.x for a in anchors if a.side in ("top", "bottom")), default=0)
+        places += [lettering(lines, right + 7, y, "start"), lettering(lines, leftmost - 7, y, "end")]
     for y in (shape.bottom - height, shape.top):
         places += [lettering(lines, shape.right + CLEAR + 2, y, "start"), lettering(lines, shape.left - CLEAR - 2, y, "end")]
     rays = [ray(a) for a in anchors]

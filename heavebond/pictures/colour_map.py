@@ -95,8 +95,8 @@ def paint(model: Model, what: str, *, at: Time | None = None, over: str = MEAN, 
         unit = "W"
     else:
         parts, nets, unit = _variables(result, expanded, what)
-    told = ({k: _number(v, result.time, moment, over) for k, v in found.items()} for found in (parts, nets))
-    return _scaled(f"{what}, {when}", unit, *told)
+    numbers_by_path = ({k: _number(v, result.time, moment, over) for k, v in series.items()} for series in (parts, nets))
+    return _scaled(f"{what}, {when}", unit, *numbers_by_path)
 
 
 def _number(course: Array, time: Array, moment: float | None, over: str) -> float:
@@ -110,9 +110,9 @@ def _number(course: Array, time: Array, moment: float | None, over: str) -> floa
 def _scaled(title: str, unit: str, parts: dict[str, float], nets: dict[str, float]) -> Paint:
     """The values in a readable unit, and the limits of the colour scale."""
     sizes = sorted(abs(v) for v in (*parts.values(), *nets.values()))
-    shown = readable_unit(unit, sizes[-1])
-    target = read_unit(shown)
-    parts, nets = ({k: target.from_si(v) for k, v in found.items()} for found in (parts, nets))
+    display_unit = readable_unit(unit, sizes[-1])
+    target = read_unit(display_unit)
+    parts, nets = ({k: target.from_si(v) for k, v in numbers_by_path.items()} for numbers_by_path in (parts, nets))
     values = [*parts.values(), *nets.values()]
     low, high = min(values), max(values)
     middle = target.from_si(sizes[len(sizes) // 2])
@@ -126,7 +126,7 @@ def _scaled(title: str, unit: str, parts: dict[str, float], nets: dict[str, floa
         low = 0.0
     if high - low <= 1e-12 * max(abs(high), 1.0):
         low, high = low - 0.5, high + 0.5
-    return Paint(title, shown, parts, nets, low, high, logarithmic, unit)
+    return Paint(title, display_unit, parts, nets, low, high, logarithmic, unit)
 
 
 # -- power -------------------------------------------------------------------------------------------------------------
@@ -138,8 +138,9 @@ def _powers(result: Result, expanded: Expanded) -> tuple[dict[str, Array], dict[
         ports.setdefault(end.rpartition(".")[0], []).append(end)
     ends = {path: [e.name for e in junction.ends if e.name in powers] for path, junction in expanded.junctions.items()}
     flows = _relative_flows(result, expanded, powers)
-    return ({path: _passed_on(_between(own, powers, flows)) for path, own in ports.items()},
-            {path: _halves([powers[e] for e in own]) for path, own in ends.items() if own})
+    return ({path: _passed_on(_between(component_ports, powers, flows)) for path, component_ports in ports.items()},
+            {path: _halves([powers[e] for e in component_ports]) for path, component_ports in ends.items()
+             if component_ports})
 
 
 def _ends(expanded: Expanded) -> list[str]:
@@ -157,15 +158,15 @@ def _relative_flows(result: Result, expanded: Expanded, ends: Iterable[str]) -> 
 
 def _between(ports: list[str], powers: Mapping[str, Array], flows: Mapping[str, Array]) -> list[Array]:
     """The powers of one component; two ports of opposite flows are combined."""
-    found, left = [powers[p] for p in ports if p not in flows], [p for p in ports if p in flows]
-    while left:
-        port = left.pop(0)
+    single_ports, relative_ports = [powers[p] for p in ports if p not in flows], [p for p in ports if p in flows]
+    while relative_ports:
+        port = relative_ports.pop(0)
         size = OPPOSITE * np.abs(flows[port]).max()
-        other = next((p for p in left if np.abs(flows[port] + flows[p]).max() <= size), None)
-        if other:
-            left.remove(other)
-        found.append(powers[port] + powers[other] if other else powers[port])
-    return found
+        opposite = next((p for p in relative_ports if np.abs(flows[port] + flows[p]).max() <= size), None)
+        if opposite:
+            relative_ports.remove(opposite)
+        single_ports.append(powers[port] + powers[opposite] if opposite else powers[port])
+    return single_ports
 
 
 def _passed_on(powers: list[Array]) -> Array:
@@ -187,20 +188,21 @@ def _variables(result: Result, expanded: Expanded, what: str) -> tuple[dict[str,
                 if f"{path}.{last}" in known and owner in ("", path)}
     in_parts: dict[str, list[str]] = {}
     for path in expanded.leaves:
-        own = [n for n in (f"{path}.{last}",) if n in known and path not in expanded.junctions]
+        own_name = [n for n in (f"{path}.{last}",) if n in known and path not in expanded.junctions]
         ports = [f"{e}.{last}" for e in _ends(expanded) if e.rpartition(".")[0] == path and f"{e}.{last}" in known]
-        if owner in ("", path) and (own or ports) and not (ports and _across(expanded, last) and not own):
-            in_parts[path] = own or ports
+        if owner in ("", path) and (own_name or ports) and not (ports and _across(expanded, last) and not own_name):
+            in_parts[path] = own_name or ports
     # a signal: the node of that name, or the nodes to which it is connected
     if not at_nodes and not in_parts and what in known:
         at_nodes = {p: [p] for p, j in expanded.junctions.items() if what in (p, *(e.name for e in j.ends))}
-    names = list(dict.fromkeys(name for found in (*at_nodes.values(), *in_parts.values()) for name in found))
+    names = list(dict.fromkeys(name for names_at_place in (*at_nodes.values(), *in_parts.values())
+                               for name in names_at_place))
     if not names:
         raise UsageError([Problem("name-unknown", f"nothing in this diagram has a variable '{what}'", None, suggest(
             what, [POWER, *known]) or "Write `power`, a variable of nodes such as `p` or `v`, or one with its path.")])
     unit = _one_unit(result, what, names)
     values = result.signals(names)
-    parts, nodes = ({place: _largest([values[name] for name in found]) for place, found in places.items()}
+    parts, nodes = ({place: _largest([values[name] for name in names_at_place]) for place, names_at_place in places.items()}
                     for places in (in_parts, at_nodes))
     return parts, nodes, unit
 
@@ -220,7 +222,7 @@ def _one_unit(result: Result, what: str, names: Iterable[str]) -> str:
     for name in names:
         units.setdefault(result.unit(name), name)
     if len(units) > 1:
-        told = listing(f"{name} in {unit_label(unit)}" for unit, name in units.items())
-        raise UsageError([Problem("unit-kind", f"'{what}' is not the same quantity everywhere: {told}", None,
+        unit_list = listing(f"{name} in {unit_label(unit)}" for unit, name in units.items())
+        raise UsageError([Problem("unit-kind", f"'{what}' is not the same quantity everywhere: {unit_list}", None,
                                   "Write one with its path, or another variable.")])
     return next(iter(units))

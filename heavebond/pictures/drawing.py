@@ -67,9 +67,9 @@ def draw_expanded(expanded: Expanded, network: Network, *, open: Iterable[str] =
     """Draw an expanded diagram, which may be unfinished; returns also the coordinates."""
     marks = marked_places(expanded, dict(highlight) if isinstance(highlight, Mapping) else dict.fromkeys(highlight, ""))
     blocks = opened_blocks(expanded, [open] if isinstance(open, str) else open, open_all, marks)
-    told = {path: colour.text(value) for path, value in colour.parts.items()} if colour else {}
+    value_texts = {path: colour.text(value) for path, value in colour.parts.items()} if colour else {}
     outermost = sheet(expanded, network, blocks)
-    drawn = lay_out(outermost, own_sides(expanded, outermost), Options(values, marks, told))
+    drawn = lay_out(outermost, own_sides(expanded, outermost), Options(values, marks, value_texts))
     return _page(expanded.model, drawn, Look(marks, colour)), drawn
 
 
@@ -121,12 +121,12 @@ def symbol_picture(component: Component) -> str:
                   if anchor.port in ports and anchor.port not in {mark.text for mark in shape.marks}]
     main = shape.domain or next((d for d in ports.values() if d != "signal"), "signal")
     extent = bounds([Box(shape.left, shape.top, shape.right, shape.bottom), *(label.box for label in labels)])
-    left, top = round(extent.left) - 4, round(extent.top) - 4
-    width, height = round(extent.right) + 4 - left, round(extent.bottom) + 4 - top
+    left_edge, top = round(extent.left) - 4, round(extent.top) - 4
+    width, height = round(extent.right) + 4 - left_edge, round(extent.bottom) + 4 - top
     lines = [f'<svg xmlns="http://www.w3.org/2000/svg" width="{round(1.5 * width)}" height="{round(1.5 * height)}" '
-             f'viewBox="{left} {top} {width} {height}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
+             f'viewBox="{left_edge} {top} {width} {height}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
              f"<title>{xml(component.name)}</title>",
-             f'<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="#ffffff"/>',
+             f'<rect x="{left_edge}" y="{top}" width="{width}" height="{height}" fill="#ffffff"/>',
              *_picture(shape, domain_colour(main), main, marked=False)]
     for anchor in shape.anchors:
         if anchor.port in ports:
@@ -163,13 +163,13 @@ def _page(model: Model, drawn: Drawn, look: Look) -> str:
     words = heading.box.moved(0, extent.top - shift)
     words = replace(words, right=words.left + WIDER * (words.right - words.left))
     box = bounds([extent, words, legend[1]])
-    left, top = round(box.left - EDGE), round(box.top - EDGE)
-    whole_x, whole_y = round(box.right + EDGE) - left, round(box.bottom + EDGE) - top
+    left_edge, top = round(box.left - EDGE), round(box.top - EDGE)
+    whole_x, whole_y = round(box.right + EDGE) - left_edge, round(box.bottom + EDGE) - top
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{whole_x}" height="{whole_y}" '
-        f'viewBox="{left} {top} {whole_x} {whole_y}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
+        f'viewBox="{left_edge} {top} {whole_x} {whole_y}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
         f"<title>{xml(model.name)}</title>",
-        f'<rect x="{left}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
+        f'<rect x="{left_edge}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
         *_lettered(heading.moved(0, extent.top - shift), "#000000", "heading"),
         *(_frame(drawn) if drawn.sheet.ports else ()),
         *_sheet(drawn, look), *(_own_ports(drawn) if drawn.sheet.ports else ()), *legend[0], "</svg>"]
@@ -260,28 +260,28 @@ def _picture(shape: Shape, colour: str, main: str, marked: bool) -> list[str]:
 
 
 def _element(mark: Mark, marked: bool) -> str:
-    given = dict(mark.attributes)
-    domain = given.pop("data-domain", "")
+    attributes = dict(mark.attributes)
+    domain = attributes.pop("data-domain", "")
     if domain and not marked:
-        given["color"] = domain_colour(domain)
-        given.setdefault("stroke", "currentColor")
-    return f"<{mark.tag} " + " ".join(f'{name}="{xml(value)}"' for name, value in given.items()) + "/>"
+        attributes["color"] = domain_colour(domain)
+        attributes.setdefault("stroke", "currentColor")
+    return f"<{mark.tag} " + " ".join(f'{name}="{xml(value)}"' for name, value in attributes.items()) + "/>"
 
 
 def _writing(mark: Mark, turn: tuple[int, int, int, int], colour: str) -> str:
     """Text of a symbol: its place is turned with the picture, the text itself stays upright."""
-    given = dict(mark.attributes)
-    size = float(given.get("font-size", "10"))
-    style = given.get("data-style", "")
-    x, y = float(given.get("x", "0")), float(given.get("y", "0")) - 0.35 * size
+    attributes = dict(mark.attributes)
+    size = float(attributes.get("font-size", "10"))
+    style = attributes.get("data-style", "")
+    x, y = float(attributes.get("x", "0")), float(attributes.get("y", "0")) - 0.35 * size
     a, b, c, d = turn
     x, y = a * x + c * y, b * x + d * y + 0.35 * size
     weight = ' font-weight="bold"' if style == "name" else ""
-    slant = ' font-style="italic"' if given.get("font-style") == "italic" else ""
+    slant = ' font-style="italic"' if attributes.get("font-style") == "italic" else ""
     fill = {"name": "#000000" if colour != WARNING else WARNING, "quiet": QUIET}.get(style, colour)
     name = ' class="part"' if style == "name" else ""
     return (f'<text{name} x="{x:g}" y="{y:g}" font-size="{size:g}"{weight}{slant} fill="{fill}" '
-            f'text-anchor="{given.get("text-anchor", "middle")}">{xml(mark.text)}</text>')
+            f'text-anchor="{attributes.get("text-anchor", "middle")}">{xml(mark.text)}</text>')
 
 
 def _inside(item: Item, drawn: Drawn, colour: str, look: Look) -> list[str]:
@@ -319,10 +319,10 @@ def _wire(line: Strand, look: Look) -> list[str]:
     lines = []
     if marked:
         lines.append(f'<path d="{paths}" stroke="{HALO}" stroke-width="10" stroke-linecap="round"/>')
-    told = f"<title>{xml(line.net.path)}: {look.paint.text(value)}</title>" if look.paint and value is not None else ""
+    tooltip = f"<title>{xml(line.net.path)}: {look.paint.text(value)}</title>" if look.paint and value is not None else ""
     place = f' data-node="{xml(line.net.path)}"' if not line.net.given else ""
     head = f'<path class="wire"{place} d="{paths}" stroke="{colour}" stroke-width="{width:.3g}"'
-    lines.append(f"{head}>{told}</path>" if told else f"{head}/>")
+    lines.append(f"{head}>{tooltip}</path>" if tooltip else f"{head}/>")
     lines += [f'<circle class="dot" cx="{x}" cy="{y}" r="3" fill="{colour}"/>' for x, y in line.wire.dots]
     if line.free is not None:
         lines.append(f'<circle cx="{line.free[0]}" cy="{line.free[1]}" r="3" fill="#ffffff" stroke="{colour}"/>')
@@ -370,9 +370,9 @@ def _face(style: Style) -> str:
 
 def _tag(line: Line, x: float, y: float, align: str) -> list[str]:
     """A label in white on the warning colour."""
-    left = {"start": x, "middle": x - line.width / 2, "end": x - line.width}[align]
-    return [f'<rect x="{left:g}" y="{y + 1:g}" width="{line.width:g}" height="{line.height - 1}" rx="3" fill="{WARNING}"/>',
-            f'<text class="tag" x="{left + line.width / 2:g}" y="{y + line.style.size:g}" font-size="{line.style.size}" '
+    x_0 = {"start": x, "middle": x - line.width / 2, "end": x - line.width}[align]
+    return [f'<rect x="{x_0:g}" y="{y + 1:g}" width="{line.width:g}" height="{line.height - 1}" rx="3" fill="{WARNING}"/>',
+            f'<text class="tag" x="{x_0 + line.width / 2:g}" y="{y + line.style.size:g}" font-size="{line.style.size}" '
             f'font-weight="bold" fill="#ffffff" text-anchor="middle">{xml(line.text)}</text>']
 
 
@@ -411,8 +411,8 @@ def _bar(paint: Paint, x: float, y: float) -> tuple[list[str], Box]:
 
 
 def _domains(drawn: Drawn) -> set[str]:
-    found = {line.net.domain for line in drawn.lines}
+    domains_used = {line.net.domain for line in drawn.lines}
     for item in drawn.items:
         if item.inside is not None:
-            found |= _domains(item.inside)
-    return found
+            domains_used |= _domains(item.inside)
+    return domains_used

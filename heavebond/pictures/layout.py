@@ -124,15 +124,15 @@ def _natural(part: Part) -> dict[str, tuple[str, ...]]:
     """The usual sides of a port of a box: signals from left to right if there are only signals, else power on the left
     and the right and signals above and below."""
     power = [p for p, domain in part.ports.items() if domain != "signal"]
-    found: dict[str, tuple[str, ...]] = {}
+    sides: dict[str, tuple[str, ...]] = {}
     for port, domain in part.ports.items():
         if domain == "signal" and not power:
-            found[port] = ("left",) if port in part.inputs else ("right",)
+            sides[port] = ("left",) if port in part.inputs else ("right",)
         elif domain == "signal" or port in power[2:]:
-            found[port] = ("top", "bottom")
+            sides[port] = ("top", "bottom")
         else:
-            found[port] = ("left", "right")
-    return found
+            sides[port] = ("left", "right")
+    return sides
 
 
 def _item(part: Part, placement: Placement, joined: set[tuple[str, str]], options: Options) -> Item:
@@ -162,9 +162,9 @@ def _item(part: Part, placement: Placement, joined: set[tuple[str, str]], option
 
 def _used(shape: Shape, port: str, placement: Placement, name: str) -> list[Anchor]:
     """The anchors of a port at which wires will probably end; all of them if that is unknown."""
-    found = shape.of(port)
-    likely = [a for a in found if a.side in placement.leaving[name]]
-    return likely if len(found) > 1 and likely else list(found)
+    port_anchors = shape.of(port)
+    likely = [a for a in port_anchors if a.side in placement.leaving[name]]
+    return likely if len(port_anchors) > 1 and likely else list(port_anchors)
 
 
 def _framed(drawn: Drawn) -> Shape:
@@ -173,8 +173,8 @@ def _framed(drawn: Drawn) -> Shape:
     x = _on_grid((frame.left + frame.right) / 2)
     y = next((a.y for a in drawn.anchors if a.side in ("left", "right")), _on_grid((frame.top + frame.bottom) / 2))
     anchors = tuple(replace(a, x=a.x - x, y=a.y - y) for a in drawn.anchors)
-    left, top, right, bottom = (round(v) for v in (frame.left - x, frame.top - y, frame.right - x, frame.bottom - y))
-    return Shape(left, top, right, bottom, anchors)
+    left_edge, top, right, bottom = (round(v) for v in (frame.left - x, frame.top - y, frame.right - x, frame.bottom - y))
+    return Shape(left_edge, top, right, bottom, anchors)
 
 
 def _on_grid(value: float) -> int:
@@ -206,25 +206,25 @@ class _Drafter:
         before = dict.fromkeys((cell[0] for cell in cells.values()), 0.0)
         after = dict(before)
         for item in items:
-            column, own = cells[item.part.name][0], _whole(item)
-            before[column], after[column] = max(before[column], -own.left), max(after[column], own.right)
-        found: dict[int, int] = {}
+            column, extent = cells[item.part.name][0], _whole(item)
+            before[column], after[column] = max(before[column], -extent.left), max(after[column], extent.right)
+        centres: dict[int, int] = {}
         edge = gap = 0.0
         for column in sorted(before):
-            found[column] = GRID * math.ceil((edge + before[column]) / GRID)
+            centres[column] = GRID * math.ceil((edge + before[column]) / GRID)
             gap = self.wider * max(GAP_X, *(width for k, width in self._names_between() if k == column), 0.0)
-            edge = found[column] + after[column] + gap
-        return found
+            edge = centres[column] + after[column] + gap
+        return centres
 
     def _names_between(self) -> list[tuple[int, float]]:
         """Nodes that run straight from one column to the next: the column, and the width of their name."""
         neighbours = set(pairwise(sorted({cell[0] for cell in self.placement.cells.values()})))
-        found = []
+        widths_by_column = []
         for net in self.sheet.nets:
             cells = sorted(self.placement.cells[name or f"/{port}"] for name, port in net.ends)
             if len(cells) == 2 and cells[0][1] == cells[1][1] and (cells[0][0], cells[1][0]) in neighbours:
-                found.append((cells[0][0], size(self._net_text(net))[0] + 14))
-        return found
+                widths_by_column.append((cells[0][0], size(self._net_text(net))[0] + 14))
+        return widths_by_column
 
     def _rows(self, items: Sequence[Item]) -> dict[int, int]:
         """The line of every row. Parts in one column must not touch; rows without a common column may overlap, because
@@ -232,18 +232,18 @@ class _Drafter:
         cells = self.placement.cells
         gap = GAP_Y * self.wider
         lowest: dict[int, float] = {}  # lower end of the parts placed so far, by column
-        found: dict[int, int] = {}
+        lines_by_row: dict[int, int] = {}
         line = 0.0
         for row in sorted({cell[1] for cell in cells.values()}):
-            here = [(cells[item.part.name][0], _whole(item)) for item in items if cells[item.part.name][1] == row]
-            line = max([line, *(lowest[column] + gap - own.top for column, own in here if column in lowest)])
-            found[row] = GRID * math.ceil(line / GRID)
-            for column, own in here:
-                lowest[column] = found[row] + own.bottom
-            line = found[row] + gap
-        for row in [r for r in found if all(cells[item.part.name][1] != r for item in items)]:
-            found[row] = self._edge_row(row, items, found)
-        return found
+            row_boxes = [(cells[item.part.name][0], _whole(item)) for item in items if cells[item.part.name][1] == row]
+            line = max([line, *(lowest[column] + gap - extent.top for column, extent in row_boxes if column in lowest)])
+            lines_by_row[row] = GRID * math.ceil(line / GRID)
+            for column, extent in row_boxes:
+                lowest[column] = lines_by_row[row] + extent.bottom
+            line = lines_by_row[row] + gap
+        for row in [r for r in lines_by_row if all(cells[item.part.name][1] != r for item in items)]:
+            lines_by_row[row] = self._edge_row(row, items, lines_by_row)
+        return lines_by_row
 
     def _edge_row(self, row: int, items: Sequence[Item], rows: dict[int, int]) -> int:
         """The upper or lower edge of an open block with ports there."""
@@ -259,7 +259,7 @@ class _Drafter:
 
     def _edge_places(self) -> dict[str, Anchor]:
         """Places of the sheet's ports on its edge, side by side if they share a cell."""
-        found: dict[str, Anchor] = {}
+        anchors_by_port: dict[str, Anchor] = {}
         used: dict[Cell, int] = {}
         for port in self.sheet.ports:
             cell = self.placement.cells[f"/{port}"]
@@ -267,8 +267,9 @@ class _Drafter:
             aside = 2 * GRID * ((k + 1) // 2) * (1 if k % 2 else -1)
             side = self.sides[port]
             x, y = self.xs[cell[0]], self.ys[cell[1]]
-            found[port] = Anchor(port, x, y + aside, side) if side in ("left", "right") else Anchor(port, x + aside, y, side)
-        return found
+            anchors_by_port[port] = Anchor(port, x, y + aside,
+                                           side) if side in ("left", "right") else Anchor(port, x + aside, y, side)
+        return anchors_by_port
 
     def _title(self) -> Lettering | None:
         """The name of an open block, in the upper left corner of its frame."""
@@ -286,11 +287,11 @@ class _Drafter:
     def _frame(self, title: Lettering | None) -> Box:
         inner = self._inner()
         above = max(MARGIN, title.box.bottom + 2 * GRID) if title else MARGIN
-        found = {"left": inner.left - MARGIN, "right": inner.right + MARGIN, "top": inner.top - above,
+        edges = {"left": inner.left - MARGIN, "right": inner.right + MARGIN, "top": inner.top - above,
                  "bottom": inner.bottom + MARGIN}
         for anchor in self.edges.values():
-            found[anchor.side] = anchor.x if anchor.side in ("left", "right") else anchor.y
-        return Box(*(GRID * (math.floor if k in ("left", "top") else math.ceil)(found[k] / GRID)
+            edges[anchor.side] = anchor.x if anchor.side in ("left", "right") else anchor.y
+        return Box(*(GRID * (math.floor if k in ("left", "top") else math.ceil)(edges[k] / GRID)
                      for k in ("left", "top", "right", "bottom")))
 
     # -- wires -----------------------------------------------------------------------------------------------------
@@ -307,20 +308,20 @@ class _Drafter:
         reach = Box(self.frame.left, self.frame.top, self.frame.right, self.frame.bottom)
         avoided = [*solid, *(Box(b.left - CLEAR, b.top, b.right + CLEAR, b.bottom) for b in written)]
         wires = route(nets, [*avoided, *_rim(reach)] if self.sheet.path else avoided, reach)
-        taken = [*solid, *written]
+        obstacles = [*solid, *written]
         lines, faults = [], sum(wire.faults for wire in wires)
         pieces = [Box(min(a[0], b[0]) - 2, min(a[1], b[1]) - 2, max(a[0], b[0]) + 2, max(a[1], b[1]) + 2)
                   for wire in wires for a, b in wire.edges]
         for net, wire, terminals in zip(self.sheet.nets, wires, nets, strict=True):
             text = self._net_text(net)
-            found = name_of_node(text, wire, taken, pieces, area) if text else None
-            if found is not None and found[1] and net.name in {f"{part}_{port}" for part, port in net.ends}:
-                found = None  # the name is composed of the names of its part and port, and would cover something
-            if found is not None:
-                taken.append(found[0].box)
-                faults += found[1]
+            named = name_of_node(text, wire, obstacles, pieces, area) if text else None
+            if named is not None and named[1] and net.name in {f"{part}_{port}" for part, port in net.ends}:
+                named = None  # the name is composed of the names of its part and port, and would cover something
+            if named is not None:
+                obstacles.append(named[0].box)
+                faults += named[1]
             free = (terminals[-1][0].x, terminals[-1][0].y) if len(net.ends) == 1 and len(terminals) > 1 else None
-            lines.append(Strand(net, wire, found[0] if found else None, free))
+            lines.append(Strand(net, wire, named[0] if named else None, free))
         return Drawn(self.sheet, tuple(self.items.values()), tuple(lines), self.frame, tuple(self.edges.values()),
                      self.title, faults, tuple(x for _, x in sorted(self.xs.items())),
                      tuple(y for _, y in sorted(self.ys.items())))
@@ -335,18 +336,18 @@ class _Drafter:
         return (Line(net.name, NODE_NAME), *elements, *([Line(tag, TAG)] if tag else []))
 
     def _terminals(self, net: Net) -> list[list[Anchor]]:
-        found = []
+        terminal_list = []
         for name, port in net.ends:
             if name:
-                found.append(self.items[name].anchors(port))
+                terminal_list.append(self.items[name].anchors(port))
             else:
                 edge = self.edges[port]
-                found.append([replace(edge, side=OPPOSITE[edge.side])])
-        if len(found) == 1:
-            end = found[0][0]
+                terminal_list.append([replace(edge, side=OPPOSITE[edge.side])])
+        if len(terminal_list) == 1:
+            end = terminal_list[0][0]
             out = SIDES[end.side]
-            found = [[end], [Anchor(end.port, end.x + STUB * out[0], end.y + STUB * out[1], OPPOSITE[end.side])]]
-        return found
+            terminal_list = [[end], [Anchor(end.port, end.x + STUB * out[0], end.y + STUB * out[1], OPPOSITE[end.side])]]
+        return terminal_list
 
 
 def _whole(item: Item) -> Box:

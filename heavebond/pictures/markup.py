@@ -21,10 +21,10 @@ class Html(str):
 def element(tag: str, *children: str, **attributes: object) -> Html:
     """`<tag attributes>children</tag>`. Attribute names: `class_` is `class`, underscores become hyphens; None omits an
     attribute, True writes it without a value."""
-    given = "".join(_attribute(name, value) for name, value in attributes.items() if value is not None)
+    attribute_text = "".join(_attribute(name, value) for name, value in attributes.items() if value is not None)
     if tag in _EMPTY and not children:
-        return Html(f"<{tag}{given}>" if tag in ("meta", "br", "input", "img") else f"<{tag}{given}/>")
-    return Html(f"<{tag}{given}>{joined(children)}</{tag}>")
+        return Html(f"<{tag}{attribute_text}>" if tag in ("meta", "br", "input", "img") else f"<{tag}{attribute_text}/>")
+    return Html(f"<{tag}{attribute_text}>{joined(children)}</{tag}>")
 
 
 def joined(parts: Iterable[str]) -> Html:

@@ -111,7 +111,7 @@ def animate(model: Model, until: Time | None = None, *, every: Time | None = Non
         raise ModelError([Problem(
             "view-missing", f"{model.path.name} has no `view:` with shapes to animate", None,
             "Add for example `view: {body: {is: box, at: [0, body.x], size: [1 m, 0.5 m]}}`.")])
-    formulas = [f for seen in model.view.values() for part in seen.formulas.values() for f in part]
+    formulas = [f for shape in model.view.values() for part in shape.formulas.values() for f in part]
     chosen = list(signals)
     assembly = assemble(model, chosen)
     apart = _apart(assembly, (n.text for f in formulas for n in names(f.tree)))
@@ -119,8 +119,8 @@ def animate(model: Model, until: Time | None = None, *, every: Time | None = Non
     result = simulate(assembly, until, every=every, parameters=parameters)
     courses = _courses(result, {f.text: f.tree for f in formulas}, _integrated(result, apart, parameters))
     time = _frames(result.time)
-    shown = {text: np.interp(time, result.time, course) for text, course in courses.items()}
-    return _motion(result, time, shown, chosen or list(model.show)[:SHOWN])
+    shown_series = {text: np.interp(time, result.time, course) for text, course in courses.items()}
+    return _motion(result, time, shown_series, chosen or list(model.show)[:SHOWN])
 
 
 @dataclass(frozen=True)
@@ -134,13 +134,13 @@ class _Apart:
 def _apart(assembly: Assembly, wanted: Iterable[str]) -> dict[str, _Apart]:
     """The rate of each required position that no equation of the diagram needs. As a state it would need a start value
     and prevent a steady start, so it is integrated separately, from 0."""
-    known, found = assembly.flat.names, {}
+    known, separate_positions = assembly.flat.names, {}
     for name in wanted:
         port, _, member = name.rpartition(".")
         for domain in assembly.model.library.domains.values():
             if name not in known and member in domain.positions and (rate := f"{port}.{domain.rate(member)}") in known:
-                found[name] = _Apart(rate, domain.members[member].unit.dimension)
-    return found
+                separate_positions[name] = _Apart(rate, domain.members[member].unit.dimension)
+    return separate_positions
 
 
 def _integrated(result: Result, apart: Mapping[str, _Apart],
@@ -156,36 +156,38 @@ def _integrated(result: Result, apart: Mapping[str, _Apart],
 
 def _courses(result: Result, formulas: Mapping[str, Expr], beside: Mapping[str, Array]) -> dict[str, Array]:
     """Evaluate formulas in SI along a run; names in `beside` have given time series (N,)."""
-    own = [text for text, tree in formulas.items() if not any(n.text in beside for n in names(tree))]
+    without_beside = [text for text, tree in formulas.items() if not any(n.text in beside for n in names(tree))]
     # in brackets, so that a formula is not taken for the output of that name in its unit
-    found = dict(zip(own, result.signals([f"({text})" for text in own]).values(), strict=True))
+    series_by_text = dict(zip(without_beside, result.signals([f"({text})" for text in without_beside]).values(),
+                              strict=True))
     resolver = result.assembly.resolver()
-    for text in formulas.keys() - set(own):
+    for text in formulas.keys() - set(without_beside):
         used = list(dict.fromkeys(n.text for n in names(formulas[text])))
         known = {name: result.signals([f"({name})"])[f"({name})"] for name in used if name not in beside}
         symbols = {name: ca.SX.sym(name) for name in used}
         value = resolver.evaluate(formulas[text], extra=symbols)
         function = ca.Function("formula", [stack(list(symbols.values()))], [value])
-        found[text] = np.array(function(np.array([beside[n] if n in beside else known[n] for n in used]))).ravel()
-    return found
+        series_by_text[text] = np.array(function(np.array([beside[n] if n in beside else known[n] for n in used]))).ravel()
+    return series_by_text
 
 
 def _check(assembly: Assembly, view: Mapping[str, ViewShape], apart: Mapping[str, _Apart]) -> None:
     """Check names and units of all formulas."""
     problems, resolver = Problems(), assembly.resolver()
-    places = {name: own.dimension for name, own in apart.items()}
-    for seen in view.values():
-        for key, part in seen.formulas.items():
+    places = {name: position.dimension for name, position in apart.items()}
+    for shape in view.values():
+        for key, part in shape.formulas.items():
             for formula in part:
                 try:
-                    found = resolver.dimension(formula.tree, extra=places)
+                    dimension_found = resolver.dimension(formula.tree, extra=places)
                     resolver.evaluate(formula.tree, extra={name: ca.SX.sym(name) for name in apart})
                 except ExpressionProblem as problem:
                     add_expression_problem(problem, formula.place, problems)
                     continue
-                wanted, what = (ONE, "an angle") if key == "turned" else (METRE, "a length")
-                if found is not None and found != wanted:
-                    problems.add("view-unit", f"`{key}` of '{seen.name}' is {what}; '{formula.text}' is none", formula.place,
+                wanted, noun = (ONE, "an angle") if key == "turned" else (METRE, "a length")
+                if dimension_found is not None and dimension_found != wanted:
+                    problems.add("view-unit", f"`{key}` of '{shape.name}' is {noun}; '{formula.text}' is none",
+                                 formula.place,
                                  hint="Write for example `crown.x + 12 m`.")
                 moving = [apart[n.text].rate for n in names(formula.tree) if n.text in apart]
                 if moving and _has_derivative(formula.tree):
@@ -209,59 +211,59 @@ def _frames(time: Array) -> Array:
 def _motion(result: Result, time: Array, courses: Mapping[str, Array], chosen: list[str]) -> Motion:
     model = result.assembly.model
     n = len(time)
-    placed = {name: _placed(seen, courses, n) for name, seen in model.view.items()}
+    placed = {name: _placed(shape, courses, n) for name, shape in model.view.items()}
     edges = _edges([(model.view[name].kind, course) for name, course in placed.items()])
-    left, bottom, right, top = edges
+    left_edge, bottom, right, top = edges
     for name, course in placed.items():
         kind = model.view[name].kind
         if kind in WIDE:
-            course[0], course[2] = left, right
+            course[0], course[2] = left_edge, right
             course[4] = course[1] - bottom
         elif kind == "ground":
             course[4] = BAND * (top - bottom)
-    shapes = tuple(Moving(seen.name, seen.kind, seen.colour, seen.label, placed[name], OUTLINES[seen.kind])
-                   for name, seen in model.view.items())
-    shown = {}
+    shapes = tuple(Moving(shape.name, shape.kind, shape.colour, shape.label, placed[name], OUTLINES[shape.kind])
+                   for name, shape in model.view.items())
+    shown_series = {}
     for name, values in result.signals(chosen).items():
         given = result.unit(name)
         unit = readable_unit(given, float(np.max(np.abs(values), initial=0.0)))
-        shown[name] = (unit, np.interp(time, result.time, converted(values, given, unit)))
-    return Motion(model.name, model.summary, time, shapes, edges, shown)
+        shown_series[name] = (unit, np.interp(time, result.time, converted(values, given, unit)))
+    return Motion(model.name, model.summary, time, shapes, edges, shown_series)
 
 
 def _placed(seen: ViewShape, courses: Mapping[str, Array], n: int) -> Array:
     """x and y of both ends, W and B over time (6, n); values that depend on the edges of the picture are still nan."""
-    found = np.full((6, n), np.nan)
-    given = {key: [courses[f.text] for f in part] for key, part in seen.formulas.items()}
+    rows_found = np.full((6, n), np.nan)
+    series_by_key = {key: [courses[f.text] for f in part] for key, part in seen.formulas.items()}
     if seen.kind in WIDE:
-        found[1] = found[3] = given["at"][0]
-    elif "at" in given:
-        across = (given.get("diameter") or given.get("width") or given["size"])[0] / 2
-        turned = given["turned"][0] if "turned" in given else np.zeros(n)
-        way = np.array([across * np.cos(turned), across * np.sin(turned)])
-        found[:2], found[2:4] = np.array(given["at"]) - way, np.array(given["at"]) + way
-        found[4] = given["size"][1] if "size" in given else 2 * across
+        rows_found[1] = rows_found[3] = series_by_key["at"][0]
+    elif "at" in series_by_key:
+        across = (series_by_key.get("diameter") or series_by_key.get("width") or series_by_key["size"])[0] / 2
+        turned = series_by_key["turned"][0] if "turned" in series_by_key else np.zeros(n)
+        offset = np.array([across * np.cos(turned), across * np.sin(turned)])
+        rows_found[:2], rows_found[2:4] = np.array(series_by_key["at"]) - offset, np.array(series_by_key["at"]) + offset
+        rows_found[4] = series_by_key["size"][1] if "size" in series_by_key else 2 * across
     else:
-        found[:2], found[2:4] = given["from"], given["to"]
-        length = float(np.mean(np.hypot(*(found[2:4] - found[:2]))))
-        found[4] = given["width"][0] if "width" in given else THIN * length
+        rows_found[:2], rows_found[2:4] = series_by_key["from"], series_by_key["to"]
+        length = float(np.mean(np.hypot(*(rows_found[2:4] - rows_found[:2]))))
+        rows_found[4] = series_by_key["width"][0] if "width" in series_by_key else THIN * length
         # by default the mean position of the piston is the middle of its barrel
-        found[5] = given["length"][0] if "length" in given else 2 / 3 * length
-    return found
+        rows_found[5] = series_by_key["length"][0] if "length" in series_by_key else 2 / 3 * length
+    return rows_found
 
 
 def _edges(placed: list[tuple[str, Array]]) -> tuple[float, float, float, float]:
     """Left, bottom, right, top of all positions, with a margin."""
-    own = [course for kind, course in placed if kind not in WIDE]
-    if not own:
+    series_in_picture = [course for kind, course in placed if kind not in WIDE]
+    if not series_in_picture:
         raise UsageError([Problem("view-empty", "a view of levels and marks alone has no width", None, "Add a box.")])
     half = [0.0 if kind == "ground" else float(np.nanmax(np.abs(course[4]))) / 2 for kind, course in placed
             if kind not in WIDE]
-    x = [(float(np.min(c[[0, 2]])) - h, float(np.max(c[[0, 2]])) + h) for c, h in zip(own, half, strict=True)]
-    y = [(float(np.min(c[[1, 3]])) - h, float(np.max(c[[1, 3]])) + h) for c, h in zip(own, half, strict=True)]
+    x = [(float(np.min(c[[0, 2]])) - h, float(np.max(c[[0, 2]])) + h) for c, h in zip(series_in_picture, half, strict=True)]
+    y = [(float(np.min(c[[1, 3]])) - h, float(np.max(c[[1, 3]])) + h) for c, h in zip(series_in_picture, half, strict=True)]
     y += [(float(np.min(c[1])), float(np.max(c[1]))) for kind, c in placed if kind in WIDE]
-    left, right = min(a for a, _ in x), max(b for _, b in x)
+    left_edge, right = min(a for a, _ in x), max(b for _, b in x)
     bottom, top = min(a for a, _ in y), max(b for _, b in y)
-    edge = EDGE * max(right - left, top - bottom)
-    beside = max(0.0, ASPECT * (top - bottom + 2 * edge) - (right - left)) / 2
-    return left - max(edge, beside), bottom - edge, right + max(edge, beside), top + edge
+    edge = EDGE * max(right - left_edge, top - bottom)
+    beside = max(0.0, ASPECT * (top - bottom + 2 * edge) - (right - left_edge)) / 2
+    return left_edge - max(edge, beside), bottom - edge, right + max(edge, beside), top + edge

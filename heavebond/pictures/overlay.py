@@ -40,8 +40,8 @@ class Overlay:
 
 def read_column(text: str) -> Column:
     """`SIGNAL=COLUMN UNIT`; UsageError for a text of another form or an unknown unit."""
-    signal, sign, rest = (part.strip() for part in text.partition("="))
-    name, _, unit = rest.rpartition(" ")
+    signal, sign, column_text = (part.strip() for part in text.partition("="))
+    name, _, unit = column_text.rpartition(" ")
     if not (sign and signal and name.strip()):
         raise UsageError([Problem("column-form", f"--column {text}: this is not SIGNAL=COLUMN UNIT", None,
                                   "Write for example --column 'crown.x=crown_m m'.")])
@@ -70,9 +70,9 @@ def read_overlay(files: Iterable[str], columns: Iterable[Column] = (), record: s
 
 def _label(path: Path, paths: list[Path]) -> str:
     """The file's name, with its folder and suffix if another file has the same name."""
-    if sum(other.stem == path.stem for other in paths) == 1:
+    if sum(sibling.stem == path.stem for sibling in paths) == 1:
         return path.stem
-    return path.name if sum(other.name == path.name for other in paths) == 1 else str(path)
+    return path.name if sum(sibling.name == path.name for sibling in paths) == 1 else str(path)
 
 
 def _read(path: Path, columns: list[Column], record: str) -> tuple[SavedRun, bool]:
@@ -121,25 +121,25 @@ def _of_experiment(experiment: Experiment, record: str) -> SavedRun:
         raise UsageError([Problem("record-unknown", f"the experiment has no record '{record}'", None, suggest(
             record, experiment.records) or f"Records: {listing(experiment.records)}.")])
     chosen = experiment.records[record or next(iter(experiment.records))]
-    found = measure(experiment, chosen)
+    measured = measure(experiment, chosen)
     values: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
-    for name, channel in found.channels.items():
-        course = np.full(len(found.grid), np.nan)
+    for name, channel in measured.channels.items():
+        course = np.full(len(measured.grid), np.nan)
         course[channel.index] = channel.measured
         for called in (name, channel.output.shown.text.strip()):
             values[called], units[called] = course, channel.output.shown.unit
-    return SavedRun(chosen.name, found.grid, values, units)
+    return SavedRun(chosen.name, measured.grid, values, units)
 
 
 def common_signals(overlay: Overlay) -> list[str]:
     """Default signals: the first that all files hold. UsageError if there is none."""
-    first, *others = overlay.runs.values()
-    found = [name for name in first.names() if all(name in other.values for other in others)]
-    if not found:
+    first, *further_runs = overlay.runs.values()
+    common = [name for name in first.names() if all(name in run.values for run in further_runs)]
+    if not common:
         raise UsageError([Problem("nothing-to-plot", "the files have no signal in common", None,
                                   "Name what to draw: --signal crown.x.", _contents(overlay.runs))])
-    return found[:MOST_SIGNALS]
+    return common[:MOST_SIGNALS]
 
 
 def _contents(runs: Mapping[str, SavedRun]) -> tuple[str, ...]:

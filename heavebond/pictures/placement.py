@@ -98,12 +98,12 @@ def _compressed(cells: dict[str, Cell], sides: dict[str, str]) -> dict[str, Cell
     def near(value: int, known: dict[int, int]) -> int:
         return known[min(known, key=lambda k: (abs(k - value), k))]
 
-    found = {}
+    compressed_cells = {}
     for name, (c, r) in cells.items():
         across, down = near(c, columns), near(r, rows)
-        found[name] = {"left": (-1, down), "right": (len(columns), down), "top": (across, -1),
-                       "bottom": (across, len(rows))}.get(sides[name], (across, down))
-    return found
+        compressed_cells[name] = {"left": (-1, down), "right": (len(columns), down), "top": (across, -1),
+                                  "bottom": (across, len(rows))}.get(sides[name], (across, down))
+    return compressed_cells
 
 
 class _Search:
@@ -262,19 +262,19 @@ class _Search:
     def _choices(self, name: str) -> Iterable[Cell]:
         side = self.pieces[name].side
         inner = [c for n, c in self.cells.items() if n != name and not self.pieces[n].side] or [(0, 0)]
-        left, right = min(c for c, _ in inner), max(c for c, _ in inner)
+        leftmost, right = min(c for c, _ in inner), max(c for c, _ in inner)
         top, bottom = min(r for _, r in inner), max(r for _, r in inner)
         if side in ("left", "right"):
-            column = left - 2 if side == "left" else right + 2
+            column = leftmost - 2 if side == "left" else right + 2
             return [(column, r) for r in range(top - 1, bottom + 2)]
         if side:
             row = top - 2 if side == "top" else bottom + 2
-            return [(c, row) for c in range(left - 1, right + 2)]
+            return [(c, row) for c in range(leftmost - 1, right + 2)]
         near = [self.cells[n] for k in self.of[name] for n, _ in self.nets[k] if n in self.cells]
         if len(self.pieces) > MOST_MOVED and near:
             around = dict.fromkeys((c + i, r + j) for c, r in near[:NEIGHBOURS] for j in range(-2, 3) for i in range(-2, 3))
             return [cell for cell in around if cell not in self.taken] or [(right + 1, top)]
-        return [(c, r) for r in range(top - 1, bottom + 2) for c in range(left - 1, right + 2)]
+        return [(c, r) for r in range(top - 1, bottom + 2) for c in range(leftmost - 1, right + 2)]
 
     # -- cost ------------------------------------------------------------------------------------------------------
     def _cost_around(self, names: list[str], most: float = math.inf) -> float:
@@ -289,7 +289,7 @@ class _Search:
             if name in self.cells and not self.pieces[name].side:
                 c, r = self.cells[name]
                 total += FAR * (abs(c) * PITCH_X + 2 * abs(r) * PITCH_Y) + BEFORE * (max(0, -c) + max(0, -r))
-                total += sum(BETWEEN for other in self.on_edge if self._beyond_edge(other, (c, r)))
+                total += sum(BETWEEN for piece in self.on_edge if self._beyond_edge(piece, (c, r)))
         return total
 
     def _beyond_edge(self, other: str, cell: Cell) -> bool:
@@ -309,51 +309,51 @@ class _Search:
 
     def _tree(self, k: int) -> Iterator[tuple[float, int, int]]:
         """The cheapest tree over the placed ends of a net (Prim): cost of each piece and the two ends that it joins."""
-        net, costs, cells, taken = self.nets[k], self.costs[k], self.cells, self.taken
-        left, at = [], {}
+        net, costs, cells, occupied = self.nets[k], self.costs[k], self.cells, self.taken
+        waiting, at = [], {}
         for i, (name, _) in enumerate(net):
             if name in cells:
-                left.append(i)
+                waiting.append(i)
                 at[i] = *cells[name], NUMBERS[self.turns[name]]
-        if len(left) < 2:
+        if len(waiting) < 2:
             return
-        reach, nearest = dict.fromkeys(left, (math.inf, 0)), left.pop(0)
-        while left:
+        reach, nearest = dict.fromkeys(waiting, (math.inf, 0)), waiting.pop(0)
+        while waiting:
             j, (x, y, turn), known = nearest, at[nearest], costs[nearest]
             least = math.inf, 0
-            for i in left:
-                u, v, other = at[i]
+            for i in waiting:
+                u, v, partner = at[i]
                 # the cost depends on the distance of the two only, so most of it has been computed before
-                key = turn, other, u - x, v - y
+                key = turn, partner, u - x, v - y
                 cost = known[i].get(key)
                 if cost is None:
                     cost = known[i][key] = self._nearest(net[j], net[i])[0]
                 if y == v:
                     for c in range(x + 1, u) if x < u else range(u + 1, x):
-                        if (c, y) in taken:
+                        if (c, y) in occupied:
                             cost += BETWEEN
                 elif x == u:
                     for r in range(y + 1, v) if y < v else range(v + 1, y):
-                        if (x, r) in taken:
+                        if (x, r) in occupied:
                             cost += BETWEEN
-                way = reach[i]
-                if (cost, j) < way:
-                    way = reach[i] = cost, j
-                if way < least:
-                    least, nearest = way, i
-            left.remove(nearest)
+                best_reach = reach[i]
+                if (cost, j) < best_reach:
+                    best_reach = reach[i] = cost, j
+                if best_reach < least:
+                    least, nearest = best_reach, i
+            waiting.remove(nearest)
             yield (*least, nearest)
 
     def leaving(self) -> dict[str, frozenset[str]]:
         """The sides on which the trees of the nets leave each piece."""
-        found: dict[str, set[str]] = {name: set() for name in self.pieces}
+        sides_by_piece: dict[str, set[str]] = {name: set() for name in self.pieces}
         for k in range(len(self.nets)):
             for _, i, j in self._tree(k):
                 one, two = self.nets[k][i], self.nets[k][j]
                 _, p, q = self._nearest(one, two)
-                found[one[0]].add(p[2])
-                found[two[0]].add(q[2])
-        return {name: frozenset(sides) for name, sides in found.items()}
+                sides_by_piece[one[0]].add(p[2])
+                sides_by_piece[two[0]].add(q[2])
+        return {name: frozenset(sides) for name, sides in sides_by_piece.items()}
 
     def _nearest(self, one: tuple[str, str], two: tuple[str, str]) -> tuple[float, Place, Place]:
         """The cheapest wire between two ports, and its ends."""
@@ -381,7 +381,7 @@ class _Search:
     # -- sides -----------------------------------------------------------------------------------------------------
     def sides(self) -> dict[str, dict[str, list[str]]]:
         """For each piece without a fixed shape its ports by side, in the order of their neighbours."""
-        found = {}
+        sides_by_piece = {}
         for piece in self.pieces.values():
             if piece.shape is None and not piece.side:
                 chosen: dict[str, list[tuple[float, float, int, str]]] = {side: [] for side in SIDES}
@@ -395,19 +395,20 @@ class _Search:
                         options = self._places(piece.name, port)
                         (_, _, side), _ = min(options, key=lambda option: (option[1], len(chosen[option[0][2]])))
                         chosen[side].append((0.0, 0.0, k, port))
-                found[piece.name] = {side: [port for *_, port in sorted(ports)] for side, ports in chosen.items()}
-        return found
+                sides_by_piece[piece.name] = {side: [port for *_, port in sorted(ports)] for side, ports in chosen.items()}
+        return sides_by_piece
 
     def _partners(self, name: str, port: str) -> list[Place]:
         """Possible places of the neighbours of a port."""
         net = next((net for net in self.nets if (name, port) in net), [])
-        return [place for other, p in net if other != name for place, _ in self._places(other, p)]
+        return [place for neighbour, p in net if neighbour != name for place, _ in self._places(neighbour, p)]
 
     def _side(self, piece: Piece, port: str, partners: list[Place]) -> tuple[str, tuple[float, float]]:
         """The side for a port, and its order along it: by the place of its nearest neighbour; of two in one line the
         farther one is first or last, so that the wires need not cross."""
-        best = min(((extra + wire_cost(place, other), place[2], other) for place, extra in self._places(piece.name, port)
-                    for other in partners), key=lambda item: item[0])
+        best = min(((extra + wire_cost(place, neighbour), place[2], neighbour) for place,
+                    extra in self._places(piece.name, port)
+                    for neighbour in partners), key=lambda item: item[0])
         x, y = (cell * pitch for cell, pitch in zip(self.cells[piece.name], (PITCH_X, PITCH_Y), strict=True))
         dx, dy = best[2][0] - x, best[2][1] - y
         if best[1] in ("left", "right"):

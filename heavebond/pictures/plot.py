@@ -85,8 +85,8 @@ def plot_signals(result: Result, names: Iterable[str], *, title: str = "") -> Fi
     sizes = {unit: max(_size(values[name]) for name in group) for unit, group in groups.items()}
     panels: dict[str, list[tuple[str, Array]]] = {}
     for unit, group in groups.items():
-        shown = readable_unit(unit, sizes[unit])
-        panels.setdefault(shown, []).extend((name, converted(values[name], unit, shown)) for name in group)
+        display_unit = readable_unit(unit, sizes[unit])
+        panels.setdefault(display_unit, []).extend((name, converted(values[name], unit, display_unit)) for name in group)
     figure, axes = _stack(len(panels), title or _heading(result))
     for panel, (unit, lines) in zip(axes, panels.items(), strict=True):
         for k, (name, line) in enumerate(lines):
@@ -114,9 +114,10 @@ def plot_runs(runs: Mapping[str, SavedRun], names: Iterable[str], *, title: str 
     models = [label for label in runs if label not in measured]
     for panel, name in zip(axes, chosen, strict=True):
         unit = holders[name][0][1].unit(name)
-        found = {label: converted(run.display[name][inside[label]], run.unit(name), unit) for label, run in holders[name]}
-        shown = readable_unit(unit, max(map(_size, found.values())))
-        drawn = {label: converted(line, unit, shown) for label, line in found.items()}
+        series_by_label = {label: converted(run.display[name][inside[label]], run.unit(name), unit)
+                           for label, run in holders[name]}
+        shown = readable_unit(unit, max(map(_size, series_by_label.values())))
+        drawn = {label: converted(line, unit, shown) for label, line in series_by_label.items()}
         for label, line in drawn.items():
             time = runs[label].time[inside[label]]
             if label in measured:
@@ -139,17 +140,17 @@ def plot_runs(runs: Mapping[str, SavedRun], names: Iterable[str], *, title: str 
 
 def _holders(runs: Mapping[str, SavedRun], name: str) -> list[tuple[str, SavedRun]]:
     """The runs that hold a signal, in units of one kind."""
-    found = [(label, run) for label, run in runs.items() if name in run.values]
-    if not found:
+    holders = [(label, run) for label, run in runs.items() if name in run.values]
+    if not holders:
         known = list(dict.fromkeys(known for run in runs.values() for known in run.names()))
         raise UsageError([Problem("name-unknown", f"none of the files holds '{name}'", None,
                                   suggest(name, known) or f"They hold: {listing(known)}.")])
-    kinds = {read_unit(run.unit(name)).dimension: label for label, run in found}
+    kinds = {read_unit(run.unit(name)).dimension: label for label, run in holders}
     if len(kinds) > 1:
-        told = " and ".join(f"[{run.unit(name)}] in {label}" for label, run in found if label in kinds.values())
-        raise UsageError([Problem("unit-kind", f"'{name}' is not the same quantity in all files: {told}", None,
+        unit_list = " and ".join(f"[{run.unit(name)}] in {label}" for label, run in holders if label in kinds.values())
+        raise UsageError([Problem("unit-kind", f"'{name}' is not the same quantity in all files: {unit_list}", None,
                                   "Draw them one after the other, or name another signal.")])
-    return found
+    return holders
 
 
 def plot_comparison(comparison: Comparison) -> Figure:
@@ -231,10 +232,10 @@ def plot_influence(found: Rankings, *, bars: int = 12, courses: int = 4, title: 
                             layout=ConstrainedLayoutEngine(rect=RECT, hspace=0.04))
     figure_title(figure, title)
     panels = figure.subplots(len(rows), 2 if courses else 1, squeeze=False, width_ratios=(1, 1.15) if courses else None)
-    for row, (panel, *others) in zip(rows, panels, strict=True):
+    for row, (panel, *lower_panels) in zip(rows, panels, strict=True):
         _bars(panel, row, [i for i in row.influences if i.relative > 0][:bars] or row.influences[:bars])
-        for other in others:
-            _courses(other, row, found.time, row.influences[:courses])
+        for lower_panel in lower_panels:
+            _courses(lower_panel, row, found.time, row.influences[:courses])
     panels[-1][0].set_xlabel("influence: rms(p ∂s/∂p) / rms(s − mean)")
     if courses:
         panels[-1][1].set_xlabel("time [s]")
@@ -393,13 +394,13 @@ def _bars(axes: Axes, row: Ranking, influences: Sequence[Influence]) -> None:
 
 def _courses(axes: Axes, row: Ranking, time: Array, influences: Sequence[Influence]) -> None:
     """Change of the signal over time for 1 % more of each parameter."""
-    shown = readable_unit(row.unit, max((_size(i.course) for i in influences), default=0.0) / 100)
-    scale = read_unit(row.unit).scale / read_unit(shown).scale / 100  # a difference has no offset
+    display_unit = readable_unit(row.unit, max((_size(i.course) for i in influences), default=0.0) / 100)
+    scale = read_unit(row.unit).scale / read_unit(display_unit).scale / 100  # a difference has no offset
     for k, influence in enumerate(influences):
         # also dashes: parameters that occur only as a product have the same time series
         axes.plot(time, influence.course * scale, color=COLOURS[k % len(COLOURS)], linewidth=1.3,
                   linestyle=DASHES[k % len(DASHES)], label=influence.parameter)
-    _finish(axes, "by 1 % more", shown, [i.course * scale for i in influences])
+    _finish(axes, "by 1 % more", display_unit, [i.course * scale for i in influences])
     axes.set_xlim(*_ends(time))
     handles, labels = axes.get_legend_handles_labels()
     axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=8,
@@ -408,27 +409,27 @@ def _courses(axes: Axes, row: Ranking, time: Array, influences: Sequence[Influen
 
 # -- a channel of a comparison -------------------------------------------------------------------------------------
 def _channel(upper: Axes, lower: Axes, channel: Channel) -> None:
-    shown = readable_unit(channel.unit, _size(channel.measured))
-    measured = converted(channel.measured, channel.unit, shown)
-    model = converted(channel.model, channel.unit, shown)
+    display_unit = readable_unit(channel.unit, _size(channel.measured))
+    measured = converted(channel.measured, channel.unit, display_unit)
+    model = converted(channel.model, channel.unit, display_unit)
     dense = len(measured) > DENSE
     upper.plot(channel.time, measured, color=RECORD, label="record", **_style(dense, 2.4))
     upper.plot(channel.time, model, color=MODEL, linewidth=1.2, label="model")
     if channel.outlier.any():
         upper.plot(channel.time[channel.outlier], measured[channel.outlier], "x", color=COLOURS[0],
                    label="far from neighbours")
-    _finish(upper, channel.name, shown, [measured, model])
+    _finish(upper, channel.name, display_unit, [measured, model])
     upper.set_title(_figures(channel), loc="right", fontsize=9, color="#333333")
-    left = channel.measured - channel.model
-    own, of_difference = difference_unit(channel.unit)
-    unit = readable_unit(of_difference, max(_size(left), 1e-300))
-    scale = own * read_unit(of_difference).scale / read_unit(unit).scale
+    residual = channel.measured - channel.model
+    difference_scale, of_difference = difference_unit(channel.unit)
+    unit = readable_unit(of_difference, max(_size(residual), 1e-300))
+    scale = difference_scale * read_unit(of_difference).scale / read_unit(unit).scale
     if channel.noise > 0:
         lower.axhspan(-BAND_WIDTH * channel.noise * scale, BAND_WIDTH * channel.noise * scale, color=BAND, linewidth=0,
                       label=f"± {BAND_WIDTH} × noise")
-    lower.plot(channel.time, left * scale, color="#333333", label="record − model", **_style(dense, 0.7))
-    _finish(lower, "residual", unit, [left * scale])
-    reach = max(_size(left), (BAND_WIDTH + 1) * channel.noise if channel.noise > 0 else 0.0) * scale
+    lower.plot(channel.time, residual * scale, color="#333333", label="record − model", **_style(dense, 0.7))
+    _finish(lower, "residual", unit, [residual * scale])
+    reach = max(_size(residual), (BAND_WIDTH + 1) * channel.noise if channel.noise > 0 else 0.0) * scale
     if math.isfinite(reach) and reach > 0:
         lower.set_ylim(-1.08 * reach, 1.08 * reach)
 

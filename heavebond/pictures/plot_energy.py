@@ -50,13 +50,13 @@ def plot_energy_flow(flow: EnergyFlow, *, title: str = "") -> Figure:
     for link in sorted(flow.links, key=lambda link: (link.back, -tops[link.target], -tops[link.source])):
         start, end = outer[link.source], inner[link.target]
         outer[link.source], inner[link.target] = start - link.energy, end - link.energy
-        left, right = flow.boxes[link.source].column + THICK, float(flow.boxes[link.target].column)
+        left_edge, right = flow.boxes[link.source].column + THICK, float(flow.boxes[link.target].column)
         if link.back:
             low -= 0.06 * (high - low)
-            _ribbon_back(axes, left, right, start, end, low, link)
+            _ribbon_back(axes, left_edge, right, start, end, low, link)
             low -= link.energy
         else:
-            _ribbon(axes, left, right, start, end, link)
+            _ribbon(axes, left_edge, right, start, end, link)
     for name, box in flow.boxes.items():
         _box(axes, box, tops[name], sizes[name])
     axes.set_xlim(-0.1 if not any(link.back for link in flow.links) else -BULGE, columns - 1 + THICK + 0.7)
@@ -120,8 +120,8 @@ def _tops(boxes: Mapping[BoxKey, Box], sizes: Mapping[BoxKey, float]) -> dict[Bo
 
 def _pale(domain: str) -> str:
     """The colour of areas of a domain."""
-    found = domains().get(domain)
-    return found.pale or OTHER if found is not None else OTHER
+    domain_found = domains().get(domain)
+    return domain_found.pale or OTHER if domain_found is not None else OTHER
 
 
 def _ribbon(axes: Axes, left: float, right: float, start: float, end: float, link: Link) -> None:
@@ -152,14 +152,14 @@ def _box(axes: Axes, box: Box, top: float, size: float) -> None:
     colour = NODE if box.key.node else largest[1] if largest[0] > 0.02 * size else PASS
     axes.add_patch(Rectangle((box.column, top - size), THICK, size, facecolor=colour, linewidth=0.5, edgecolor=colour,
                              zorder=3))
-    said = [] if box.key.node else [text for value, text in (
+    texts = [] if box.key.node else [text for value, text in (
         (box.supplied, f"gives {readable(box.supplied, 'J', 3)}" if box.supplied > 0 else
          f"takes {readable(-box.supplied, 'J', 3)}"),
         (box.dissipated, f"heat {readable(box.dissipated, 'J', 3)}"),
         (box.stored, f"stores {readable(box.stored, 'J', 3)}" if box.stored > 0 else
          f"gives up {readable(-box.stored, 'J', 3)}")) if abs(value) > 0.02 * size]
     title, colour = (f"node {box.key.path}", "#666666") if box.key.node else (box.key.path, "black")
-    axes.annotate("\n".join([title, *said]), (box.column + THICK, top - size / 2), (4, 0),
+    axes.annotate("\n".join([title, *texts]), (box.column + THICK, top - size / 2), (4, 0),
                   textcoords="offset points", fontsize=8, va="center", color=colour, zorder=4,
                   bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "linewidth": 0})
 

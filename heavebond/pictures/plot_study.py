@@ -106,22 +106,22 @@ def _courses(panel: Axes, result: StudyResult, picture: Picture, name: str) -> N
     at = result.study.axes.index(sample) if sample is not None else -1
     labels = list(dict.fromkeys(_labelled(result, o, at) for o in drawn))
     unit = drawn[0].signal_units[name] if drawn else "1"
-    shown = readable_unit(unit, max((float(np.abs(o.signals[name]).max()) for o in drawn), default=0.0))
-    told: set[str] = set()
+    display_unit = readable_unit(unit, max((float(np.abs(o.signals[name]).max()) for o in drawn), default=0.0))
+    labelled: set[str] = set()
     shades = _shades(result, len(labels), at)
     for outcome in drawn:
         label = _labelled(result, outcome, at)
         k = labels.index(label)
         colour = _shade(result, shades, outcome) if shades else COLOURS[k % len(COLOURS)]
-        time, values = np.array(outcome.time), converted(np.array(outcome.signals[name]), unit, shown)
+        time, values = np.array(outcome.time), converted(np.array(outcome.signals[name]), unit, display_unit)
         inside = (time >= (picture.begin or 0.0)) & (time <= (picture.end or math.inf))
         panel.plot(time[inside], values[inside], color=colour, linewidth=1.0 if sample is None and not shades else 0.4,
                    linestyle=DASHES[k % len(DASHES)] if sample is None and not shades else "-",
-                   label=None if label in told or shades else label)
-        told.add(label)
+                   label=None if label in labelled or shades else label)
+        labelled.add(label)
     if shades:
         _colour_bar(panel, result, shades)
-    panel.set_ylabel(f"{name} [{unit_label(shown)}]")
+    panel.set_ylabel(f"{name} [{unit_label(display_unit)}]")
     panel.margins(x=0)
     panel.set_xlabel("time [s]")
 
@@ -170,7 +170,8 @@ def _mean_curves(panel: Axes, result: StudyResult, name: str, k: int) -> None:
                           enumerate(zip(result.study.axes, levels, strict=True)) if n not in (k, at))
         lines.setdefault(label, {}).setdefault(unit.from_si(levels[k].value), []).append(result.value(outcome, name))
     for n, (label, at_x) in enumerate(lines.items()):
-        known = {x: values[np.isfinite(values)] for x, values in ((x, np.array(found)) for x, found in at_x.items())}
+        known = {x: values[np.isfinite(values)] for x,
+                 values in ((x, np.array(values_found)) for x, values_found in at_x.items())}
         known = {x: values for x, values in known.items() if len(values)}
         means = np.array([values.mean() for values in known.values()])
         bars = np.nan_to_num([interval_of_mean(values)[1] for values in known.values()] - means)

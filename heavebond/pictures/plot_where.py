@@ -28,15 +28,15 @@ def plot_place(found: Localization, place: str) -> Figure:
     figure = Figure(figsize=(WIDTH, 7.2), dpi=DPI, layout=ConstrainedLayoutEngine(rect=RECT, hspace=0.06))
     figure.suptitle(f"{found.experiment.name}: estimated missing input {suspect.place.words} "
                     f"({100 * suspect.explained:.4g} % of the misfit explained)", x=0.01, ha="left", fontsize=12)
-    shown = readable_unit(suspect.place.unit.text, suspect.rms)
+    display_unit = readable_unit(suspect.place.unit.text, suspect.rms)
     names = _variables(suspect)
     grid = figure.add_gridspec(2, max(len(names), 1), height_ratios=(1.4, 1))
     for k, name in enumerate(names):
         panel = figure.add_subplot(grid[0, k])
-        _cloud(panel, suspect, name, shown)
+        _cloud(panel, suspect, name, display_unit)
         if k == 0:
-            panel.set_ylabel(f"{noun(suspect)} [{unit_label(shown)}]")
-    _course(figure.add_subplot(grid[1, :]), suspect, shown)
+            panel.set_ylabel(f"{noun(suspect)} [{unit_label(display_unit)}]")
+    _course(figure.add_subplot(grid[1, :]), suspect, display_unit)
     if names:
         figure.axes[0].legend(loc="best", frameon=True, framealpha=0.8, edgecolor="none", fontsize=9, markerscale=4)
     return figure

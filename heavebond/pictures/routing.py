@@ -84,20 +84,20 @@ class _Router:
     def lay(self, k: int) -> None:
         """Route net k again: from its first terminal, connecting the nearest of the others one by one."""
         self.laid[k], self.faults[k] = {}, 0
-        others: dict[int, int] = {}
+        other_nets: dict[int, int] = {}
         for j, laid in enumerate(self.laid):
             if j != k:
                 for point, bits in laid.items():
-                    others[point] = others.get(point, 0) | bits
+                    other_nets[point] = other_nets.get(point, 0) | bits
         waiting = list(range(1, len(self.nets[k])))
         joined = [0]
         while waiting:
             targets = {anchor: t for t in waiting for anchor in self.nets[k][t]}
-            path = self._path(k, others, joined, targets)
+            path = self._path(k, other_nets, joined, targets)
             if path is None:
                 self.faults[k] += 1
                 break
-            self._take(k, path, others)
+            self._take(k, path, other_nets)
             reached = next(t for (point, _), t in targets.items() if point == path[-1])
             waiting.remove(reached)
             joined.append(reached)
@@ -222,8 +222,8 @@ def _lines(edges: Iterable[Edge]) -> Iterator[tuple[Point, ...]]:
 
 
 def _corners(line: list[Point]) -> list[Point]:
-    kept = [line[0]]
+    corners = [line[0]]
     for before, point, after in zip(line, line[1:], line[2:], strict=False):
         if not (before[0] == point[0] == after[0] or before[1] == point[1] == after[1]):
-            kept.append(point)
-    return [*kept, line[-1]]
+            corners.append(point)
+    return [*corners, line[-1]]

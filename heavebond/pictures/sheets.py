@@ -69,14 +69,14 @@ def sheet(expanded: Expanded, network: Network, opened: frozenset[str]) -> Sheet
 def opened_blocks(expanded: Expanded, wanted: Iterable[str], every: bool, marked: Iterable[str]) -> frozenset[str]:
     """The blocks to draw open: named ones, all of them, or those around marked places."""
     blocks = expanded.blocks
-    found = set(blocks) if every else set()
+    open_blocks = set(blocks) if every else set()
     for name in wanted:
         if name not in blocks:
             raise UsageError([_no_block(expanded, name, blocks)])
-        found |= {name, *_around(name)}
+        open_blocks |= {name, *_around(name)}
     for name in marked:
-        found |= {path for path in _around(name.removeprefix(NODE)) if path in blocks}
-    return frozenset(found)
+        open_blocks |= {path for path in _around(name.removeprefix(NODE)) if path in blocks}
+    return frozenset(open_blocks)
 
 
 def marked_places(expanded: Expanded, names: Mapping[str, str]) -> dict[str, str]:
@@ -152,38 +152,38 @@ class _Reader:
         [block.part.a]`)."""
         junction, scope = self.expanded.junctions[path], _owner(path)
         domain = self._domain(path)
-        own: list[tuple[str, str]] = []
+        own_ends: list[tuple[str, str]] = []
         outside: dict[str, list[tuple[str, str]]] = {}
         for end in junction.ends:
             home = _owner(end.leaf) if end.sign > 0 else end.leaf
-            ends = own if home == scope else outside.setdefault(home, [])
+            ends = own_ends if home == scope else outside.setdefault(home, [])
             ends.append((end.leaf.rpartition(".")[2], end.port) if end.sign > 0 else ("", end.port))
         name = _base(path).rpartition(".")[2]
         for home in [home for home in outside if home.startswith(f"{scope}." if scope else "") and home]:
-            own.append(self._inwards(path, name, domain, home, outside.pop(home)))
+            own_ends.append(self._inwards(path, name, domain, home, outside.pop(home)))
         self._outwards(path, domain, outside)
         if outside:
-            own.append(("", f":{name}"))
-        self.nets.setdefault(scope, []).append(Net(path, name, domain, tuple(own), size=len(self.elements[_base(path)]),
+            own_ends.append(("", f":{name}"))
+        self.nets.setdefault(scope, []).append(Net(path, name, domain, tuple(own_ends), size=len(self.elements[_base(path)]),
                                                    chosen=self._chosen(path)))
 
     def _chosen(self, path: str) -> dict[tuple[str, str], str]:
         """The ends of a wire that are parts of a vector, in the notation of diagrams; ends of a matrix are omitted."""
-        found = {}
+        texts_by_end = {}
         joined = [self.expanded.junctions[each].ends for each in self.elements[_base(path)]]
         for ends in zip(*joined, strict=True) if len({len(ends) for ends in joined}) == 1 else ():
-            port, _, rest = ends[0].port.partition("[")
+            port, _, index_text = ends[0].port.partition("[")
             leaf = self.expanded.leaves[ends[0].leaf]
-            if ends[0].sign < 0 or rest.count("]") != 1:
+            if ends[0].sign < 0 or index_text.count("]") != 1:
                 continue
             array = leaf.component.ports.get(port)
             count = whole_number(array.count, leaf.integers) if array is not None and array.count is not None else sum(
                 name.partition("[")[0] == port for name in leaf.component.signals)
             first, last = (int(end.port.partition("[")[2][:-1]) for end in (ends[0], ends[-1]))
             if len(ends) != count:
-                which = f"{first}" if first == last else f"{first}..{last}"
-                found[ends[0].leaf.rpartition(".")[2], ends[0].port] = f"{port}[{which}]"
-        return found
+                index_range = f"{first}" if first == last else f"{first}..{last}"
+                texts_by_end[ends[0].leaf.rpartition(".")[2], ends[0].port] = f"{port}[{index_range}]"
+        return texts_by_end
 
     def _outwards(self, path: str, domain: str, outside: dict[str, list[tuple[str, str]]]) -> None:
         """Add the node to the enclosing sheets, up to the outermost on which a port joins it."""
@@ -237,10 +237,10 @@ class _Reader:
     def _part(self, path: str, name: str, leaf: Leaf, body: Body) -> Part:
         instance = body.instances.get(name)
         at = instance.at if instance is not None else None
-        given = {**leaf.parameters, **leaf.inputs}
-        told = instance.settings if instance is not None else {}
-        values = tuple(f"{key} = {_value_text(bound.value, _unit(leaf.component, key))}" for key, bound in given.items()
-                       if key in told or f"{path}.{key}" in self.expanded.model.settings)
+        bindings = {**leaf.parameters, **leaf.inputs}
+        settings_written = instance.settings if instance is not None else {}
+        values = tuple(f"{key} = {_value_text(bound.value, _unit(leaf.component, key))}" for key, bound in bindings.items()
+                       if key in settings_written or f"{path}.{key}" in self.expanded.model.settings)
         inside = self.sheet(path) if path in self.opened else None
         inputs = tuple(k for k, s in leaf.component.signals.items() if s.direction == "in")
         return Part(path, name, leaf.component, self._ports(path, leaf), inputs, (at[0], at[1]) if at else None, values,
@@ -248,7 +248,7 @@ class _Reader:
 
     def _ports(self, path: str, leaf: Leaf) -> dict[str, str]:
         """Every port with its domain, the elements of arrays one by one."""
-        found = {}
+        domains_by_port = {}
         domains = self.network.domains.get(path, {})
         for port in leaf.component.ports.values():
             elements = [port.name] if port.count is None else [
@@ -256,9 +256,9 @@ class _Reader:
                 if end.leaf == path and end.sign > 0 and end.port.partition("[")[0] == port.name]
             if port.count is not None and (count := whole_number(port.count, leaf.integers)) is not None:
                 elements += [f"{port.name}[{k}]" for k in range(1, count + 1)]  # unconnected ports
-            found.update({name: domains.get(port.name, port.domain) for name in elements})
-        found.update(dict.fromkeys(leaf.component.signals, "signal"))
-        return {**found, **self.extra.get(path, {})}
+            domains_by_port.update({name: domains.get(port.name, port.domain) for name in elements})
+        domains_by_port.update(dict.fromkeys(leaf.component.signals, "signal"))
+        return {**domains_by_port, **self.extra.get(path, {})}
 
 
 def _unit(component: Component, name: str) -> str:
@@ -279,5 +279,5 @@ def _value_text(value: Value | FileInput, unit: str) -> str:
 
 def marks_on(path: str, marks: Mapping[str, str], ports: Iterable[str]) -> dict[str, str]:
     """The marks on a part and on its ports: label by '' or by port."""
-    found = {"": marks[path]} if path in marks else {}
-    return {**found, **{port: marks[f"{path}.{port}"] for port in ports if f"{path}.{port}" in marks}}
+    marks_by_port = {"": marks[path]} if path in marks else {}
+    return {**marks_by_port, **{port: marks[f"{path}.{port}"] for port in ports if f"{path}.{port}" in marks}}

@@ -100,8 +100,8 @@ def size(lines: tuple[Line, ...]) -> tuple[float, float]:
 def lettering(lines: tuple[Line, ...], x: float, y: float, align: str = "middle") -> Lettering:
     """Lines whose box has its upper edge at y and its left edge, middle or right edge at x."""
     width, height = size(lines)
-    left = {"start": x, "middle": x - width / 2, "end": x - width}[align]
-    return Lettering(lines, Box(left, y, left + width, y + height), align)
+    left_edge = {"start": x, "middle": x - width / 2, "end": x - width}[align]
+    return Lettering(lines, Box(left_edge, y, left_edge + width, y + height), align)
 
 
 def bounds(boxes: list[Box]) -> Box:

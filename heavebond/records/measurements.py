@@ -243,10 +243,10 @@ def check_gaps(table: Table, time_name: str, sampled: Mapping[str, Rows], *, beg
     columns_of_gap: dict[tuple[int, int], list[str]] = {}
     usual = {}
     for name, rows in sampled.items():
-        own = time[rows]
-        usual[name] = float(np.median(np.diff(own))) if len(own) > 1 else 0.0
-        for k in gaps(own, BRIDGED).tolist():
-            if own[k + 1] > begin and own[k] < end:
+        column_times = time[rows]
+        usual[name] = float(np.median(np.diff(column_times))) if len(column_times) > 1 else 0.0
+        for k in gaps(column_times, BRIDGED).tolist():
+            if column_times[k + 1] > begin and column_times[k] < end:
                 columns_of_gap.setdefault((int(rows[k]), int(rows[k + 1])), []).append(name)
     problems = Problems()
     texts = []

@@ -334,15 +334,15 @@ def _report_cells(sheet: _Sheet, rows: Cells, bad: list[list[int]], why: str, pr
     commas = [c for c in cells if _DECIMAL_COMMA.fullmatch(rows[c[0]][1][c[1]])]
     grouped = [c for c in cells if c not in commas and _GROUPED.fullmatch(rows[c[0]][1][c[1]])]
     words = [c for c in cells if c not in commas and c not in grouped]
-    for found, code, what, hint in (
+    for rows_wrong, code, what, hint in (
             (commas, "decimal-comma", f"has a decimal comma; {why}",
              "Export the table with decimal points, without separators of thousands."),
             (grouped, "record-thousands", "has separators of thousands", "Export the table without them."),
             (words, "record-text", "is not a number",
              "Write a number, or empty the cell: a sample that was not taken.")):
         few = [(f"'{rows[row][1][k]}' in column '{sheet.header[1][k]}' {what}", sheet.place(rows[row][0], k))
-               for row, k in found[:SHOWN]]
-        add_few(problems, code, few, len(found), "cells", hint)
+               for row, k in rows_wrong[:SHOWN]]
+        add_few(problems, code, few, len(rows_wrong), "cells", hint)
 
 
 def add_few(problems: Problems, code: str, found: Sequence[tuple[str, Place]], total: int, things: str,

@@ -168,8 +168,9 @@ def _variant(name: str, node: Node, source: Source, problems: Problems) -> Level
     if entry is None:
         return None
     diagram = entry.items.get("model")
-    rest = {k: v for k, v in entry.items.items() if k != "model"}
-    settings = read_settings(Mapping(rest, {k: entry.keys[k] for k in rest}, entry.place), source, problems)
+    variant_settings = {k: v for k, v in entry.items.items() if k != "model"}
+    settings = read_settings(Mapping(variant_settings, {k: entry.keys[k] for k in variant_settings}, entry.place), source,
+                             problems)
     return Level(name, settings, load_beside(source, diagram, problems) if diagram is not None else None)
 
 

@@ -53,7 +53,7 @@ def read_beside(node: Node | None, axes: Sequence[Axis], quantities: Sequence[st
                 ) -> tuple[ReferenceValues, ...]:
     """The sources under `compare_with:`; `quantities` are the permitted names."""
     sources = reading.mapping(node, "compare_with", problems, "Write `published: {QUANTITY: NUMBER}`.")
-    found = []
+    source_list = []
     for source, item in (sources.items if sources else {}).items():
         entries = reading.mapping(item, f"'{source}'", problems,
                                   "Write one quantity a line: `WOB variation: [15 kN, 6 kN]`.")
@@ -65,19 +65,19 @@ def read_beside(node: Node | None, axes: Sequence[Axis], quantities: Sequence[st
                              hint=suggest(name, quantities) or f"Known: {listing(quantities)}.")
                 continue
             numbers[name] = dict(_spread(entry, name, dict(enumerate(axes)), {}, problems, len(axes)))
-        found.append(ReferenceValues(source, numbers))
-    return tuple(found)
+        source_list.append(ReferenceValues(source, numbers))
+    return tuple(source_list)
 
 
 def _spread(node: Node, name: str, left: dict[int, Axis], chosen: dict[int, int], problems: Problems, number: int
             ) -> Iterator[tuple[tuple[int, ...], Published]]:
     """Each index of a case with its number; `left` are the axes that are not chosen yet."""
     if isinstance(node, Scalar):
-        given = _published(node, name, problems)
-        if given is not None:
+        published = _published(node, name, problems)
+        if published is not None:
             for index in product(*(range(len(axis.levels)) for axis in left.values())):
                 full = {**chosen, **dict(zip(left, index, strict=True))}
-                yield tuple(full[k] for k in range(number)), given
+                yield tuple(full[k] for k in range(number)), published
         return
     pairs = list(_levels(node, name, left, problems))
     for k, level, item in pairs:
@@ -98,12 +98,12 @@ def _levels(node: Entries | Items, name: str, left: dict[int, Axis], problems: P
         else:
             yield from ((k, level, item) for level, item in enumerate(node.items))
     else:
-        found = next(((k, places) for k, axis in left.items() if (places := _matched(node, axis))), None)
-        if found is None:
+        axis_match = next(((k, places) for k, axis in left.items() if (places := _matched(node, axis))), None)
+        if axis_match is None:
             names = "; ".join(f"{axis.name}: {listing([lv.name for lv in axis.levels])}" for axis in left.values())
             problems.add("level-unknown", f"{name}: these are not levels of one axis", node.place, hint=f"Levels: {names}.")
         else:
-            yield from ((found[0], level, item) for level, item in found[1])
+            yield from ((axis_match[0], level, item) for level, item in axis_match[1])
 
 
 def _matched(node: Entries, axis: Axis) -> list[tuple[int, Node]]:

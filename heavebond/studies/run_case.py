@@ -116,11 +116,11 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
                      "summary": summary_sentences(tuned.stability, asked=stability_required)}
         assembly = assembly.with_parameters(tuned.values)
     by = tuple(name for level in case.levels for name in level.along)
-    (told, run, slopes), filled = with_filled_nodes(lambda machine: measured(study, machine, by), assembly,
+    (numbers, run, slopes), filled = with_filled_nodes(lambda machine: measured(study, machine, by), assembly,
                                                      lambda found: found[1])
     verdict = run.verdict.raise_if_failed() if run is not None else Verdict()
     time, signals = _signals(study, run)
-    return Outcome(0, values={**values, **told}, limits=dict(limits), message=message, modes=_modes(study, assembly),
+    return Outcome(0, values={**values, **numbers}, limits=dict(limits), message=message, modes=_modes(study, assembly),
                    time=time, signals=signals, slopes=slopes,
                    outside=" ".join([*([verdict.text] if verdict.findings else []), *([f"run {filled}"] if filled else [])]),
                    stability=stability, at_end=at_end,
@@ -174,10 +174,11 @@ def measured(study: Study, assembly: Assembly, by: Sequence[str] = ()
         run = Simulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors,
                         sensitivities=by, dense=True).run()
     numbers, slopes = evaluator.functional_values(run)
-    found = evaluator.cost_values(numbers, slopes, references, run.p,
-                                  run.along.p if run.along is not None else np.zeros((0, len(run.p))))
-    return ({name: value for name, (value, _) in zip(study.measures, found, strict=True)}, run,
-            {name: dict(zip(by, slope.tolist(), strict=True)) for name, (_, slope) in zip(study.measures, found, strict=True)
+    cost_gradients = evaluator.cost_values(numbers, slopes, references, run.p,
+                                           run.along.p if run.along is not None else np.zeros((0, len(run.p))))
+    return ({name: value for name, (value, _) in zip(study.measures, cost_gradients, strict=True)}, run,
+            {name: dict(zip(by, slope.tolist(), strict=True)) for name,
+             (_, slope) in zip(study.measures, cost_gradients, strict=True)
              } if by else {})
 
 
@@ -206,7 +207,7 @@ def _modes(study: Study, assembly: Assembly) -> tuple[dict[str, Any], ...]:
     """The modes with the share of each component in them, the largest first."""
     if study.modes is None:
         return ()
-    found = []
+    mode_entries = []
     at_start = ModesAtStart(assembly.with_parameters(study.modes))
     first, modes = at_start.at({})
     held = held_lines(at_start.constant(first))
@@ -215,10 +216,11 @@ def _modes(study: Study, assembly: Assembly) -> tuple[dict[str, Any], ...]:
         for state, share in mode.participation.items():
             component = state.rpartition(".")[0] or state
             shares[component] = shares.get(component, 0.0) + share
-        found.append({"frequency": mode.frequency, "damping": mode.damping if mode.value else None, "real": mode.value.real,
-                      "imaginary": mode.value.imag, "swings": mode.swings,
-                      "components": dict(sorted(shares.items(), key=lambda pair: -pair[1])), "held": held})
-    return tuple(found)
+        mode_entries.append({"frequency": mode.frequency, "damping": mode.damping if mode.value else None,
+                             "real": mode.value.real,
+                             "imaginary": mode.value.imag, "swings": mode.swings,
+                             "components": dict(sorted(shares.items(), key=lambda pair: -pair[1])), "held": held})
+    return tuple(mode_entries)
 
 
 # -- checks before any run -----------------------------------------------------------------------------------------------

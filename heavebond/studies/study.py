@@ -405,7 +405,7 @@ def _calibration(node: Node | None, beside: Many[ReferenceValues], problems: Pro
         return None
     source = sources.index(wanted)
     targets = _widths(entry.items.get("targets"), problems)
-    found = {}
+    target_widths = {}
     for name, text in targets.items():
         width, unit = parse_quantity(text)
         place = entry.items["targets"].place
@@ -415,8 +415,8 @@ def _calibration(node: Node | None, beside: Many[ReferenceValues], problems: Pro
         elif name in (COST, SIMULATIONS) or (unit is not None and unit.dimension):
             problems.add("target-wrong", f"'{name}: {text}' is not a target: a measured quantity or a gain, and how near it "
                          "should come", place, hint="Write for example `WOB variation: 25 %`.")
-        found[name] = width
-    return Calibration(read_ranges(entry.items.get("free"), "free", problems), found, source)
+        target_widths[name] = width
+    return Calibration(read_ranges(entry.items.get("free"), "free", problems), target_widths, source)
 
 
 # -- measured quantities and pictures ----------------------------------------------------------------------------------

@@ -60,17 +60,17 @@ def _seconds(text: str) -> tuple[float, float]:
 def with_free(assembly: Assembly, task: TuningProblem, texts: Sequence[str]) -> TuningProblem:
     """The task with further free parameters, `NAME` or `NAME=RANGE`; one without a range may vary from 0 to three times
     its value."""
-    found: dict[str, Range] = {}
+    free_ranges: dict[str, Range] = {}
     units = {q.name: q.unit for q in assembly.flat.parameters}
     for part in (part.strip() for text in texts for part in text.split(",") if part.strip()):
         name, sign, text = (piece.strip() for piece in part.partition("="))
         if sign:
-            found |= ranges({name: text})
+            free_ranges |= ranges({name: text})
             continue
         assembly.parameter_indices([name])  # UsageError for a name that cannot be set
         value = assembly.parameter_values[name]
         if not value:
             raise UsageError([Problem("range-missing", f"{name} is 0, so it has no default range", None,
                                       f"Write for example --free {name}='0 .. 10 {units[name].text}'.")])
-        found[name] = Range(min(0.0, TIMES * value), max(0.0, TIMES * value), units[name])
-    return replace(task, free={**task.free, **found}) if found else task
+        free_ranges[name] = Range(min(0.0, TIMES * value), max(0.0, TIMES * value), units[name])
+    return replace(task, free={**task.free, **free_ranges}) if free_ranges else task

@@ -98,8 +98,8 @@ def groups(result: StudyResult) -> Iterator[tuple[str, dict[int, Outcome]]]:
         outcomes_by_level.setdefault((index[:at] + index[at + 1:], outcome.procedure), {})[index[at]] = outcome
     for (_, procedure), outcomes in outcomes_by_level.items():
         case = result.case_of(next(iter(outcomes.values())))
-        levels = [level.name if other.unit is None else f"{other.name} {level.name}"
-                  for k, (other, level) in enumerate(zip(result.study.axes, case.levels, strict=True)) if k != at]
+        levels = [level.name if other_axis.unit is None else f"{other_axis.name} {level.name}"
+                  for k, (other_axis, level) in enumerate(zip(result.study.axes, case.levels, strict=True)) if k != at]
         yield ", ".join([*levels, *([procedure] if len(result.study.procedures) > 1 else [])]), outcomes
 
 
@@ -219,14 +219,14 @@ def swings(result: StudyResult, quantity: str) -> list[tuple[str, list[TornadoBa
             zip(s.parameters, s.swing, strict=True), key=lambda pair: -abs(pair[1]))])
             for s in slopes(result) if s.quantity == quantity]
     sampling = _sampling(result, "one_at_a_time")
-    found = []
+    tornado_rows = []
     for level_text, outcomes in groups(result) if sampling is not None else ():
         assert sampling is not None
         values = {result.case_of(o).levels[_at(result)].name: result.value(o, quantity) for o in outcomes.values()}
         rows = [TornadoBar(name, values.get(AS_GIVEN, math.nan), values.get(f"{name} low", math.nan),
                            values.get(f"{name} high", math.nan)) for name in sampling.over]
-        found.append((level_text, sorted(rows, key=lambda row: -np.nan_to_num(abs(row.high - row.low)))))
-    return found
+        tornado_rows.append((level_text, sorted(rows, key=lambda row: -np.nan_to_num(abs(row.high - row.low)))))
+    return tornado_rows
 
 
 def _at(result: StudyResult) -> int:

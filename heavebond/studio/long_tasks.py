@@ -54,11 +54,11 @@ def _result(kind: str, items: Sequence[Item], figures: Mapping[str, object], par
 # -- fit -----------------------------------------------------------------------------------------------------------------
 def fitted(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
     """As `heavebond fit`; the diagram with the fitted values and an experiment on it can be written."""
-    found = fit(load_experiment(path), progress=job.progress, partial=True)
-    early = found.message == ENDED_EARLY
-    items = [*fit_items(found), *([Line("ended early: these are the best values so far", True)] if early else [])]
-    return _result("fit", items, found.as_dict(), early, adds=[{"label": "the fitted values"}]), {}, \
-        lambda asked: [] if asked.get("lost") else _write_fit(found, path, _folder(path, given))
+    fit_result = fit(load_experiment(path), progress=job.progress, partial=True)
+    early = fit_result.message == ENDED_EARLY
+    items = [*fit_items(fit_result), *([Line("ended early: these are the best values so far", True)] if early else [])]
+    return _result("fit", items, fit_result.as_dict(), early, adds=[{"label": "the fitted values"}]), {}, \
+        lambda asked: [] if asked.get("lost") else _write_fit(fit_result, path, _folder(path, given))
 
 
 def _folder(path: Path, given: Mapping[str, Any]) -> Path:
@@ -136,14 +136,15 @@ def _over(name: str, suspect: PlaceEstimate, formula: str, scale: float, arrays:
 
 def _states(found: Localization, arrays: Arrays) -> list[Entry]:
     """The variables on which the error of a channel depends, with the curve of the error over each."""
-    told = []
+    state_entries = []
     for k, state in enumerate(found.states):
         display_unit = readable_unit(state.unit, float(np.max(np.abs(state.x)))) if state.unit else ""
         per = read_unit(state.unit).scale / read_unit(display_unit).scale if state.unit else 1.0
         arrays[f"state/{k}"] = np.vstack([state.x * per, state.y])
-        told.append({"key": f"state/{k}", "channel": state.channel, "variable": state.variable, "unit": display_unit,
-                     "r2": state.r2, "of": found.experiment.outputs[state.channel].shown.unit})
-    return told
+        state_entries.append({"key": f"state/{k}", "channel": state.channel, "variable": state.variable,
+                              "unit": display_unit,
+                              "r2": state.r2, "of": found.experiment.outputs[state.channel].shown.unit})
+    return state_entries
 
 
 # -- diagnose and try ----------------------------------------------------------------------------------------------------
