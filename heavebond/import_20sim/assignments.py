@@ -78,15 +78,15 @@ def counts(statement: Statement) -> set[str]:
 
 def assigned_again(statements: Iterable[Statement]) -> set[str]:
     """The quantities that several statements assign, at least one of them completely or in a branch."""
-    seen: set[str] = set()
+    assigned_before: set[str] = set()
     again: set[str] = set()
     for statement in statements:
         if isinstance(statement, Assign) and statement.left.op == "index":
             key = {repr(plain(statement.left))}
         else:
             key = set(assigned(statement))
-        again |= {k.partition("[")[0] for k in seen & key}
-        seen |= key
+        again |= {k.partition("[")[0] for k in assigned_before & key}
+        assigned_before |= key
     return again
 
 

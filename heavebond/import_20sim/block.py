@@ -77,10 +77,10 @@ def elements_of(port: Port, known: Mapping[str, float]) -> list[str]:
 
 def _unused(base: str, taken: Collection[str]) -> str:
     """A name that is not taken: `Gain`, `Gain_2` ..."""
-    k, found = 1, base
-    while found in taken:
-        k, found = k + 1, f"{base}_{k + 1}"
-    return found
+    k, candidate = 1, base
+    while candidate in taken:
+        k, candidate = k + 1, f"{base}_{k + 1}"
+    return candidate
 
 
 def _known_values(made: Component, builder: Builder, values: Mapping[str, float]) -> dict[str, float]:
@@ -88,12 +88,12 @@ def _known_values(made: Component, builder: Builder, values: Mapping[str, float]
     the equations with these."""
     known = {**values, **{i.name: i.value for i in made.of_kind("parameter") if i.value is not None}, **builder.numbers}
     formulas = {**{left.name: right for left, right, _ in made.equations if left.op == "name"}, **builder.start}
-    found = True
-    while found:
+    changed = True
+    while changed:
         new = {name: value for name, right in formulas.items() if name not in known
                and (value := fold(right, known)) is not None}
         known.update(new)
-        found = bool(new)
+        changed = bool(new)
     return known
 
 
@@ -114,8 +114,8 @@ class Translator:
 
     def enter_texts(self, submodel: Submodel) -> None:
         """Enter the global texts of a submodel and of those within it; the experiment may give others."""
-        for own in (submodel.relations, submodel.equations):
-            for item in (*own.constants, *own.parameters, *own.variables) if own is not None else ():
+        for section in (submodel.relations, submodel.equations):
+            for item in (*section.constants, *section.parameters, *section.variables) if section is not None else ():
                 if item.kind == "string" and item.is_global and item.value is not None:
                     self.texts.setdefault(identifier(item.name), item.value.name)
         self.texts.update({name: text for name, text in self.emx.texts.items() if name in self.texts})
@@ -124,8 +124,9 @@ class Translator:
 
     def enter_constants(self, submodel: Submodel) -> None:
         """Enter the global constants and whole parameters of a submodel and of those within it, which may be sizes."""
-        own = submodel.equations
-        for item in (*own.constants, *(p for p in own.parameters if p.kind == "integer")) if own is not None else ():
+        equations = submodel.equations
+        for item in (*equations.constants,
+                     *(p for p in equations.parameters if p.kind == "integer")) if equations is not None else ():
             if item.is_global and not item.size and item.value is not None and (value := fold(item.value, {})) is not None:
                 stated = self.emx.stated(identifier(item.name))
                 self.constants.setdefault(item.name, value if stated is None else stated)
@@ -154,21 +155,21 @@ class Translator:
         relations.constants = []
         builder = Builder(Submodel(GLOBALS, submodel.line, type="Globals", equations=relations), submodel.comments,
                           known=self._known())
-        made = builder.build()
-        made.line, made.name = submodel.line, f"{title(submodel)}Globals" if new else "Globals"
-        self._experiment(made, old, builder)
+        component = builder.build()
+        component.line, component.name = submodel.line, f"{title(submodel)}Globals" if new else "Globals"
+        self._experiment(component, old, builder)
         prefix = f"{new.replace('.', '_')}_" if new else ""
         # `global` without a value belongs to an enclosing submodel, or to another submodel that assigns it
-        self.scopes[-1] = {label: f"{prefix}{label}" for label in (*made.shared.values(), *made.gives.values())
+        self.scopes[-1] = {label: f"{prefix}{label}" for label in (*component.shared.values(), *component.gives.values())
                            if not (outer and re.fullmatch(f"({outer})(_[0-9]+)*", identifier(label)))}
-        made.shared = {own: self.scoped(label) for own, label in made.shared.items()}
-        made.gives = {own: self.scoped(label) for own, label in made.gives.items()}
-        for own, label in made.shared.items():
-            if (value := made.items[own].value) is not None:
-                self.values[label] = value, made.items[own].unit
-        if made.equations or made.events or made.untranslated:
-            return made
-        self.notes += [(new, line, why) for line, why in made.omitted]
+        component.shared = {own: self.scoped(label) for own, label in component.shared.items()}
+        component.gives = {own: self.scoped(label) for own, label in component.gives.items()}
+        for own, label in component.shared.items():
+            if (value := component.items[own].value) is not None:
+                self.values[label] = value, component.items[own].unit
+        if component.equations or component.events or component.untranslated:
+            return component
+        self.notes += [(new, line, why) for line, why in component.omitted]
         return None
 
     def submodel(self, submodel: Submodel, old: str, new: str,
@@ -192,24 +193,25 @@ class Translator:
                               label[len(prefix):] for name in self.emx.plotted for label in labels(name)
                               if label.startswith(prefix)],
                           lambda name: self.emx.stated(f"{prefix}{name}"), self.sampling.sampled.get(id(submodel), ()))
-        made = builder.build()
+        component = builder.build()
         sampled = None if id(submodel) in self.sampling.discrete else self.sampling.sampled.get(id(submodel), ())
-        if sampled != () and not made.untranslated:
-            self._show_samples(made, builder.memory, prefix, sampled)
+        if sampled != () and not component.untranslated:
+            self._show_samples(component, builder.memory, prefix, sampled)
         if computed is not None:
-            made.untranslated.append((submodel.line, "its global relations have results, which is supported in a submodel "
+            component.untranslated.append((submodel.line,
+                                           "its global relations have results, which is supported in a submodel "
                                                      "of submodels only"))
-        if SAMPLE_TIME in made.shared:
-            made.items[SAMPLE_TIME].value = self.sampling.times.get(id(submodel))
-        made.name = title(submodel, self.library)
-        made.shared = {own: self.scoped(label) for own, label in made.shared.items()}
-        made.gives = {own: self.scoped(label) for own, label in made.gives.items()}
+        if SAMPLE_TIME in component.shared:
+            component.items[SAMPLE_TIME].value = self.sampling.times.get(id(submodel))
+        component.name = title(submodel, self.library)
+        component.shared = {own: self.scoped(label) for own, label in component.shared.items()}
+        component.gives = {own: self.scoped(label) for own, label in component.gives.items()}
         if submodel.equations is None and submodel.ports:
-            made.untranslated.append((submodel.line, "it has no implementation"))
-        self._experiment(made, old, builder)
+            component.untranslated.append((submodel.line, "it has no implementation"))
+        self._experiment(component, old, builder)
         self.scopes.pop()
-        self.components.append((new, made))
-        return made
+        self.components.append((new, component))
+        return component
 
     def _show_samples(self, made: Component, memory: Memory, prefix: str, sampled: Collection[str] | None) -> None:
         """Plotted variables of a discrete submodel keep their values between the samples; `sampled` are the names of such
@@ -277,45 +279,45 @@ class Translator:
 
     def block(self, submodel: Submodel, old: str, new: str) -> Block:
         """The parts of a submodel and their nodes."""
-        made = Block(title(submodel, self.library), "", line=submodel.line)
-        made.untranslated += submodel.problems
+        block = Block(title(submodel, self.library), "", line=submodel.line)
+        block.untranslated += submodel.problems
         computed = self._relations(submodel, old, new)
         for port in submodel.ports:
             if port.terminals:  # of a block: its parts are connected to each terminal
                 for label in (f"{port.name}_high", f"{port.name}_low"):
-                    made.elements[label] = [identifier(label)]
-                    made.items[identifier(label)] = Item(identifier(label), "bond", "", port.domain)
+                    block.elements[label] = [identifier(label)]
+                    block.items[identifier(label)] = Item(identifier(label), "bond", "", port.domain)
                 continue
-            made.elements[port.name] = elements_of(port, self._known())
-            for name in made.elements[port.name]:
+            block.elements[port.name] = elements_of(port, self._known())
+            for name in block.elements[port.name]:
                 kind = port.direction if port.domain == "signal" else "bond"
-                made.items[name] = Item(name, kind, port.unit if kind != "bond" else "",
-                                        "" if port.domain in ("signal", "power") else port.domain)
+                block.items[name] = Item(name, kind, port.unit if kind != "bond" else "",
+                                         "" if port.domain in ("signal", "power") else port.domain)
         if computed is not None:
             name = _unused("globals", {identifier(part.name) for part in submodel.submodels})
             self.components.append((f"{new}.{name}" if new else name, computed))
-            made.parts["\\globals"] = Part(name, computed, min((p.x for p in submodel.submodels), default=0.0) - 80,
+            block.parts["\\globals"] = Part(name, computed, min((p.x for p in submodel.submodels), default=0.0) - 80,
                                             max((p.y for p in submodel.submodels), default=0.0))
         by_name = {part.name: part for part in submodel.submodels}
-        taken = {part.name for part in made.parts.values()}
+        used_names = {part.name for part in block.parts.values()}
         nets, ends = self._ends(submodel, by_name)
         for part in submodel.submodels:
             if _alias(part, ends.get(part.name, [])):
                 continue
-            name = _unused(identifier(part.name), taken)
-            taken.add(name)
-            own = identifier(part.name)
-            inner = self.submodel(part, f"{old}\\{own}" if old else own, f"{new}.{name}" if new else name,
+            name = _unused(identifier(part.name), used_names)
+            used_names.add(name)
+            part_name = identifier(part.name)
+            inner = self.submodel(part, f"{old}\\{part_name}" if old else part_name, f"{new}.{name}" if new else name,
                                   ends.get(part.name, []))
             placed = Part(name, inner, part.x, part.y)
             placed.elements = {**inner.elements, **{
                 label: inner.elements[identifier(label)] for _, label, _ in ends.get(part.name, [])
                 if identifier(label) in inner.elements}}
-            made.parts[part.name] = placed
-        self._nodes(made, nets)
+            block.parts[part.name] = placed
+        self._nodes(block, nets)
         self.scopes.pop()
-        self.blocks.append((new, made))
-        return made
+        self.blocks.append((new, block))
+        return block
 
     def _ends(self, submodel: Submodel, by_name: Mapping[str, Submodel]
               ) -> tuple[Nets, dict[str, list[tuple[str, str, str]]]]:
@@ -324,20 +326,20 @@ class Translator:
         labelled: list[tuple[str, str]] = []
         for connection in submodel.connections:
             pair = []
-            for end, way in ((connection.start, "out"), (connection.stop, "in")):
+            for end, direction in ((connection.start, "out"), (connection.stop, "in")):
                 name, _, port = end.rpartition("\\")
                 part = by_name.get(name)
                 declared = next((p for p in part.ports if p.name == port), None) if part else None
                 if part is not None and declared is not None and declared.many and not part.submodels:
-                    own = ends.setdefault(name, [])
-                    label = f"{port}_{sum(p == port for p, *_ in own) + 1}"
-                    own.append((port, label, way))
+                    knot_ends = ends.setdefault(name, [])
+                    label = f"{port}_{sum(p == port for p, *_ in knot_ends) + 1}"
+                    knot_ends.append((port, label, direction))
                     pair.append(f"{name}\\{label}")
                 else:
                     side = port.removesuffix("_high").removesuffix("_low")
                     if part is not None and ((part.knot and declared is not None) or
                                              any(p.terminals and p.name == side for p in part.ports)):
-                        ends.setdefault(name, []).append((port, port, way))
+                        ends.setdefault(name, []).append((port, port, direction))
                     pair.append(end)
             labelled.append((pair[0], pair[1]))
         nets = Nets()
@@ -351,13 +353,14 @@ class Translator:
         for group in nets.groups():
             inner = [(made.parts[e.rpartition("\\")[0]], e.rpartition("\\")[2]) for e in group
                      if e.rpartition("\\")[0] in made.parts]
-            own = [e for e in group if e in made.elements]
-            widths = {len(p.elements.get(port, [port])) for p, port in inner} | {len(made.elements[e]) for e in own}
+            knot_elements = [e for e in group if e in made.elements]
+            widths = {len(p.elements.get(port, [port])) for p, port in inner} | {len(made.elements[e])
+                                                                                 for e in knot_elements}
             if len(widths) > 1:
                 made.untranslated.append((made.line, f"the ends of {', '.join(group)} have different sizes"))
             for k in range(min(widths, default=0)):
                 self._node(made, [(p, p.elements.get(port, [port])[k]) for p, port in inner],
-                           [made.elements[e][k] for e in own])
+                           [made.elements[e][k] for e in knot_elements])
         for part in made.parts.values():
             self._free(made, part)
         driven = {end for ends in made.nodes.values() for end in ends} | {left for left, _ in made.equations}
@@ -381,21 +384,21 @@ class Translator:
             made.equations += [(f"{e}.f", "0") for e in own if kinds[e] == "bond"]
             own = [e for e in own if kinds[e] != "bond"]
         sources = [(p, e) for p, e in inner if p.what.items[e].kind == "out"]
-        given = [e for e in own if kinds[e] == "in"]
+        inputs_of_block = [e for e in own if kinds[e] == "in"]
         outs = [e for e in own if kinds[e] == "out"]
         ends = [f"{p.name}.{e}" for p, e in (*sources, *((p, e) for p, e in inner if (p, e) not in sources))]
-        if given and outs:
-            made.equations += [(out, given[0]) for out in outs]
+        if inputs_of_block and outs:
+            made.equations += [(out, inputs_of_block[0]) for out in outs]
             outs = []
         elif len(outs) > 1:
             made.equations += [(out, outs[0]) for out in outs[1:]]
             outs = outs[:1]
-        ends += [e for e in own if kinds[e] == "bond"] + given + outs
+        ends += [e for e in own if kinds[e] == "bond"] + inputs_of_block + outs
         if not inner or len(ends) < 2:
             return
         first, element = (sources or inner)[0]
-        taken = {*made.items, *(part.name for part in made.parts.values()), *made.nodes}
-        made.nodes[_unused(f"{first.name}_{element}", taken)] = ends
+        used_names = {*made.items, *(part.name for part in made.parts.values()), *made.nodes}
+        made.nodes[_unused(f"{first.name}_{element}", used_names)] = ends
 
     def _free(self, made: Block, part: Part) -> None:
         """Power ports without a connection are free ends; inputs without one are 0, as in 20-sim."""
@@ -404,8 +407,8 @@ class Translator:
             if f"{part.name}.{item.name}" in joined:
                 continue
             if item.kind == "bond":
-                taken = {*made.items, *(p.name for p in made.parts.values()), *made.nodes}
-                made.nodes[_unused(f"{part.name}_{item.name}", taken)] = [f"{part.name}.{item.name}"]
+                used_names = {*made.items, *(p.name for p in made.parts.values()), *made.nodes}
+                made.nodes[_unused(f"{part.name}_{item.name}", used_names)] = [f"{part.name}.{item.name}"]
                 if isinstance(part.what, Component) and part.what.untranslated:  # no flow: its effort is 0
                     part.what.equations = [(Expr(left.op, left.args, f"{item.name}.e"), right, comment)
                                            if left.name == f"{item.name}.f" else (left, right, comment)

@@ -24,49 +24,49 @@ def without_memory(values: Mapping[str, Expr], candidates: Collection[str], cons
     """The values of variables after `code`. Variables of `candidates` whose former value is not needed become plain
     values and are used by name in the others; `constants` are the names of parameters, which are permitted divisors. A
     value that cannot be computed without its condition, such as a root, is 0 while no branch assigns it."""
-    found = dict(values)
-    if sum(value.size for value in found.values()) > LARGEST:
-        return found
+    reduced_values = dict(values)
+    if sum(value.size for value in reduced_values.values()) > LARGEST:
+        return reduced_values
     uses: dict[str, list[tuple[Guards, Expr]]] = {}
     for name in candidates:
-        value = found[name]
+        value = reduced_values[name]
         if not keeps(value, name) or set(former(value)) != {name} or triggers(value):
             continue
         whole = simplified(_assigned_only(value, name))
         always = defined_everywhere(whole, constants)
-        others = [v for n, v in values.items() if n != name]
+        other_values = [v for n, v in values.items() if n != name]
         if not all(_known(value, name, guards) and (always or not former(v))
-                   for v in others for guards in _reads(v, name, ())):
+                   for v in other_values for guards in _reads(v, name, ())):
             continue
-        found[name] = whole if always else simplified(_begun(value, name))
+        reduced_values[name] = whole if always else simplified(_begun(value, name))
         uses[name] = [((), whole)] if always else list(_leaves(value, name, ()))
     for name, leaves in uses.items():
         for guards, leaf in leaves:
-            for other, value in found.items():
+            for dependent, value in reduced_values.items():
                 # kept values are evaluated when their branch has ended, and then a value by branches is 0
-                if other != name and leaf.size >= SHORT and not keeps(leaf, other) and \
-                        (not guards or not former(value)) and not _depends(found, name, other):
-                    found[other] = _by_name(value, leaf, f.name(name), guards, ())
-    return found
+                if dependent != name and leaf.size >= SHORT and not keeps(leaf, dependent) and \
+                        (not guards or not former(value)) and not _depends(reduced_values, name, dependent):
+                    reduced_values[dependent] = _by_name(value, leaf, f.name(name), guards, ())
+    return reduced_values
 
 
 def _depends(values: Mapping[str, Expr], name: str, other: str) -> bool:
     """True if the value of a variable depends on another one, which must not depend on it then."""
-    seen, front = set[str](), [name]
+    visited, front = set[str](), [name]
     while front:
-        own = front.pop()
-        if own not in seen and own in values:
-            seen.add(own)
-            front += names(values[own])
-    return other in seen
+        reached_name = front.pop()
+        if reached_name not in visited and reached_name in values:
+            visited.add(reached_name)
+            front += names(values[reached_name])
+    return other in visited
 
 
 def _reads(expr: Expr, name: str, guards: Guards) -> Iterator[Guards]:
     """The conditions under which an expression reads a variable."""
     if expr.op in ("name", "prev") and expr.name == name:
         yield guards
-    for inner, own in _inner(expr, guards):
-        yield from _reads(inner, name, own)
+    for inner, inner_guards in _inner(expr, guards):
+        yield from _reads(inner, name, inner_guards)
 
 
 def _inner(expr: Expr, guards: Guards) -> Iterator[tuple[Expr, Guards]]:
@@ -92,11 +92,11 @@ def _assigned_only(value: Expr, name: str) -> Expr:
     if value.op != "if":
         return value
     condition, *branches = value.args
-    left = [_assigned_only(b, name) for b in branches]
-    kept = [keeps(b, name) for b in left]
-    if any(kept):
-        return left[0] if kept[1] else left[1]
-    return left[0] if left[0] == left[1] else Expr("if", (condition, *left), line=value.line)
+    remaining = [_assigned_only(b, name) for b in branches]
+    keeping = [keeps(b, name) for b in remaining]
+    if any(keeping):
+        return remaining[0] if keeping[1] else remaining[1]
+    return remaining[0] if remaining[0] == remaining[1] else Expr("if", (condition, *remaining), line=value.line)
 
 
 def _begun(value: Expr, name: str) -> Expr:
@@ -111,8 +111,8 @@ def _leaves(value: Expr, name: str, guards: Guards) -> Iterator[tuple[Guards, Ex
     if not keeps(value, name):
         yield guards, value
     elif value.op == "if":
-        for inner, own in list(_inner(value, guards))[1:]:
-            yield from _leaves(inner, name, own)
+        for inner, inner_guards in list(_inner(value, guards))[1:]:
+            yield from _leaves(inner, name, inner_guards)
 
 
 def defined_everywhere(expr: Expr, constants: Collection[str]) -> bool:
@@ -137,6 +137,6 @@ def _by_name(expr: Expr, old: Expr, new: Expr, needed: Guards, guards: Guards) -
         return new
     if expr.size <= old.size:
         return expr
-    inner = [_by_name(e, old, new, needed, own) for e, own in _inner(expr, guards)]
+    inner = [_by_name(e, old, new, needed, inner_guards) for e, inner_guards in _inner(expr, guards)]
     return Expr(expr.op, tuple(inner), expr.name, expr.value, expr.line, expr.columns)
 

@@ -78,9 +78,9 @@ def decided(expr: Expr, condition: Expr, value: bool) -> Expr:
 def _joined(expr: Expr) -> Expr:
     left, right = expr.args
     ends = expr.op == "or"  # the value of a side that determines the whole
-    for side, other in ((left, right), (right, left)):
+    for side, opposite in ((left, right), (right, left)):
         if side.op == "number":
-            return (TRUE if ends else FALSE) if bool(side.value) == ends else other
+            return (TRUE if ends else FALSE) if bool(side.value) == ends else opposite
     if left == right:
         return left
     return expr if ends else _and(expr)
@@ -89,16 +89,16 @@ def _joined(expr: Expr) -> Expr:
 def _and(expr: Expr) -> Expr:
     """`a and b` without redundant parts: `x >= 1 and x > 1` is `x > 1`."""
     parts = _parts(expr)
-    kept = [p for p in parts if not any(_follows(p, q) for q in parts)]
-    found = kept[0]
-    for part in kept[1:]:
-        found = Expr("and", (found, part))
-    return found
+    independent = [p for p in parts if not any(_follows(p, q) for q in parts)]
+    conjunction = independent[0]
+    for part in independent[1:]:
+        conjunction = Expr("and", (conjunction, part))
+    return conjunction
 
 
 def _parts(expr: Expr) -> list[Expr]:
-    found = [p for side in expr.args for p in _parts(side)] if expr.op == "and" else [expr]
-    return list(dict.fromkeys(found))
+    conjuncts = [p for side in expr.args for p in _parts(side)] if expr.op == "and" else [expr]
+    return list(dict.fromkeys(conjuncts))
 
 
 SHARPER = {">=": (">", "=="), "<=": ("<", "=="), "!=": (">", "<")}
@@ -128,8 +128,8 @@ def _compared(expr: Expr) -> Expr:
 @lru_cache(maxsize=100_000)
 def triggers(expr: Expr) -> tuple[Expr, ...]:
     """The events in an expression, each once."""
-    found = [expr] if expr.op == "event" else []
-    return tuple(dict.fromkeys([*found, *(e for arg in expr.args for e in triggers(arg))]))
+    events = [expr] if expr.op == "event" else []
+    return tuple(dict.fromkeys([*events, *(e for arg in expr.args for e in triggers(arg))]))
 
 
 @lru_cache(maxsize=100_000)
@@ -163,8 +163,8 @@ def between_events(expr: Expr) -> Expr:
     def change(e: Expr) -> Expr:
         if e.op != "if":
             return rebuilt(e, change) if e.args else e
-        own = kept_from_zero if _asks_for_start(e.args[0]) else change
-        return Expr("if", (e.args[0], *map(own, e.args[1:])), line=e.line)
+        simplify = kept_from_zero if _asks_for_start(e.args[0]) else change
+        return Expr("if", (e.args[0], *map(simplify, e.args[1:])), line=e.line)
 
     return at_event(change(expr), None)
 
@@ -237,10 +237,10 @@ def leaves(expr: Expr, held: Expr) -> tuple[tuple[Expr, Expr], ...]:
         return ()
     condition, then, otherwise = expr.args
     condition = f.truth(condition)
-    found = []
+    cases = []
     for guard, branch in ((condition, then), (Expr("not", (condition,)), otherwise)):
         if branch == held:
             continue
         inner = leaves(branch, held)
-        found += [(Expr("and", (guard, c)), v) for c, v in inner] if branch.op == "if" else [(guard, branch)]
-    return tuple((simplified(c), v) for c, v in found)
+        cases += [(Expr("and", (guard, c)), v) for c, v in inner] if branch.op == "if" else [(guard, branch)]
+    return tuple((simplified(c), v) for c, v in cases)

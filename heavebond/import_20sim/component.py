@@ -72,22 +72,22 @@ class Component:
 
     def fresh(self, base: str) -> str:
         """A name that no item and no event has."""
-        k, found = 1, base
-        while found in self.items or found in self.events:
-            k, found = k + 1, f"{base}_{k + 1}"
-        return found
+        k, candidate = 1, base
+        while candidate in self.items or candidate in self.events:
+            k, candidate = k + 1, f"{base}_{k + 1}"
+        return candidate
 
     def on(self, name: str, when: dict[str, str], then: Mapping[str, Expr]) -> str:
         """Set values at an instant by an event, whose name is returned: an existing event at the same instant, unless
         both set the same variable."""
         then = {name: at_event(value, None) for name, value in then.items()}
-        for own, event in self.events.items():
+        for event_name, event in self.events.items():
             if event.when == when and not set(event.then) & set(then):
                 event.then.update(then)
-                return own
-        own = self.fresh(name)
-        self.events[own] = Event(when, dict(then))
-        return own
+                return event_name
+        event_name = self.fresh(name)
+        self.events[event_name] = Event(when, dict(then))
+        return event_name
 
     def hold(self, base: str, unit: str, doc: str, first: Expr) -> str:
         """A new held variable with its first value."""

@@ -59,9 +59,9 @@ class Symbols:
 
     def _structural(self) -> set[str]:
         """The names on which sizes and numbers of iterations depend: the translation fixes their values."""
-        own = self.source
-        sizes = [port.size for port in self.submodel.ports] + [v.size for v in (*self.submodel.variables, *own.variables)]
-        loops = map(counts, (*own.initial, *own.equations, *own.code))
+        source = self.source
+        sizes = [port.size for port in self.submodel.ports] + [v.size for v in (*self.submodel.variables, *source.variables)]
+        loops = map(counts, (*source.initial, *source.equations, *source.code))
         return {n for size in sizes for e in size for n in names(e)}.union(*loops)
 
     def guard(self, action: Callable[[], None], line: int) -> None:
@@ -112,13 +112,13 @@ class Symbols:
         base = identifier(label)
         while True:
             if (rows, columns) == (1, 1):
-                found = [[base]]
+                element_names = [[base]]
             elif columns == 1:
-                found = [[f"{base}_{i + 1}"] for i in range(rows)]
+                element_names = [[f"{base}_{i + 1}"] for i in range(rows)]
             else:
-                found = [[f"{base}_{i + 1}_{k + 1}" for k in range(columns)] for i in range(rows)]
-            if not taken or not any(name in self.made.items for name in (base, *(e for row in found for e in row))):
-                return found
+                element_names = [[f"{base}_{i + 1}_{k + 1}" for k in range(columns)] for i in range(rows)]
+            if not taken or not any(name in self.made.items for name in (base, *(e for row in element_names for e in row))):
+                return element_names
             base += "_"
 
     def _port(self, port: Port) -> None:
@@ -158,17 +158,17 @@ class Symbols:
         if not self.many[port.name]:
             self._end(port, port.name, [[identifier(port.name)]], port.direction == "out")
             return
-        (first, _), *others = self.many[port.name]
+        (first, _), *further_ends = self.many[port.name]
         across = self.names[f"{first}.a"]
         through = None
         for name, out in self.many[port.name]:
-            own = self.names[f"{name}.t"]
-            signed = [[f.negative(e) if out != (port.direction == "out") else e for e in row] for row in own]
+            terminal = self.names[f"{name}.t"]
+            signed = [[f.negative(e) if out != (port.direction == "out") else e for e in row] for row in terminal]
             through = signed if through is None else [[f.add(a, b) for a, b in zip(r, s, strict=True)]
                                                       for r, s in zip(through, signed, strict=True)]
-        for name, _ in others:
-            for mine, other in zip(across, self.names[f"{name}.a"], strict=True):
-                self.made.equations += [(b, a, "") for a, b in zip(mine, other, strict=True)]
+        for name, _ in further_ends:
+            for mine, their_name in zip(across, self.names[f"{name}.a"], strict=True):
+                self.made.equations += [(b, a, "") for a, b in zip(mine, their_name, strict=True)]
         assert through is not None
         effort, flow = (through, across) if port.domain in ACROSS_IS_FLOW else (across, through)
         self._members(port, port.name, effort, flow)
@@ -188,12 +188,12 @@ class Symbols:
             self.made.equations.append((f.name(f"{low}.f"), f.negative(flow), "what enters at one end leaves at the other"))
             self._members(port, port.name, [[effort]], [[f.negative(flow) if out else flow]])
             return
-        ways = {name: way for _, name, way in self.ends}
-        speeds = [f.negative(f.name(f"{n}.f")) if ways.get(n) == "out" else f.name(f"{n}.f") for n in (high, low)]
+        directions = {name: way for _, name, way in self.ends}
+        speeds = [f.negative(f.name(f"{n}.f")) if directions.get(n) == "out" else f.name(f"{n}.f") for n in (high, low)]
         force = f.name(f"{high}.e")
-        same = (ways.get(high) == "out") != (ways.get(low) == "out")  # the arrows pass through the element
+        same = (directions.get(high) == "out") != (directions.get(low) == "out")  # the arrows pass through the element
         self.made.equations.append((f.name(f"{low}.e"), force if same else f.negative(force), "the force passes through"))
-        reverse = (ways.get(high) == "out") != out
+        reverse = (directions.get(high) == "out") != out
         self._members(port, port.name, [[f.negative(force) if reverse else force]], [[Expr("-", (speeds[0], speeds[1]))]])
 
     def _members(self, port: Port, label: str, effort: Matrix, flow: Matrix) -> None:

@@ -89,38 +89,38 @@ class Builder(Execution):
 
     def build(self) -> Component:
         """The component; it lists constructs that cannot be translated."""
-        made = self.made
-        made.line = self.submodel.line
-        made.untranslated += [*self.submodel.problems, *self.source.problems]
+        component = self.made
+        component.line = self.submodel.line
+        component.untranslated += [*self.submodel.problems, *self.source.problems]
         self.symbols.declare()
         self.labels = {f.text(e): label for label, rows in self.symbols.names.items() for row in rows for e in row}
         self._hold_inputs()
         try:
             self._equations()
         except Unreadable as problem:
-            made.untranslated.append((problem.line, problem.reason))
+            component.untranslated.append((problem.line, problem.reason))
         except RecursionError:
-            made.untranslated.append((self.submodel.line, "an expression is nested too deeply"))
-        if made.untranslated:
+            component.untranslated.append((self.submodel.line, "an expression is nested too deeply"))
+        if component.untranslated:
             sides = (e for s in (*self.source.equations, *self.source.code) if isinstance(s, Assign) and s.left.op == "name"
                      for row in self.symbols.names.get(s.left.name, []) for e in row)
-            make_placeholder(made, {e.args[0].name if e.op == "negative" else e.name for e in sides})
+            make_placeholder(component, {e.args[0].name if e.op == "negative" else e.name for e in sides})
         else:
             self.memory.keep_samples({name for name, label in self.labels.items() if label in self.sampled})
-            made.junction = one_junction(self.symbols)
-            keep_values_before_jumps(made, self.followed)
-            read_held(made)
-            split_deep(made)
-            share_repeated(made)
-        return made
+            component.junction = one_junction(self.symbols)
+            keep_values_before_jumps(component, self.followed)
+            read_held(component)
+            split_deep(component)
+            share_repeated(component)
+        return component
 
     def _hold_inputs(self) -> None:
         """Inputs from a discrete submodel keep their values between the samples."""
         for port in self.held_inputs:
             for label in [name for name, _ in self.symbols.many.get(port, [(identifier(port), True)])]:
-                given = self.symbols.names.get(label) or self.symbols.names.get(port, [])
+                held_names = self.symbols.names.get(label) or self.symbols.names.get(port, [])
                 self.symbols.names[label if label in self.symbols.names else port] = [
-                    [f.name(self.memory.at_samples(e)) for e in row] for row in given]
+                    [f.name(self.memory.at_samples(e)) for e in row] for row in held_names]
 
     # -- statements --------------------------------------------------------------------------------------------------
     def _equations(self) -> None:
@@ -159,8 +159,9 @@ class Builder(Execution):
         equal only if each of them counts. 20-sim solves one of them for another quantity."""
         plain = [s for s in self.source.equations if isinstance(s, Assign)]
         left = [s.left.name for s in plain if s.left.op == "name"]
-        others = [s for s in (*self.source.equations, *self.source.code) if not (isinstance(s, Assign) and s in plain)]
-        elsewhere = {label for s in others for label in assigned(s)}
+        other_statements = [s for s in (*self.source.equations, *self.source.code)
+                            if not (isinstance(s, Assign) and s in plain)]
+        elsewhere = {label for s in other_statements for label in assigned(s)}
         again = {label for label in left if left.count(label) > 1} - elsewhere
         if not again:
             return set()
@@ -171,8 +172,8 @@ class Builder(Execution):
         used = {n for s in (*self.source.equations, *self.source.code) for n in mentioned(s)}
         unknown = sum(size(label) for label in used if (rows := self.symbols.names.get(label)) and
                       (item := self.made.items.get(rows[0][0].name)) is not None and item.kind in ("variable", "out"))
-        given = sum(map(size, left)) + len(plain) - len(left) + sum(map(size, elsewhere - set(left)))
-        return again if given == unknown + len(self.made.of_kind("bond")) else set()
+        equation_count = sum(map(size, left)) + len(plain) - len(left) + sum(map(size, elsewhere - set(left)))
+        return again if equation_count == unknown + len(self.made.of_kind("bond")) else set()
 
     def _code(self) -> Env:
         """Assignments of the statements of `code`."""
@@ -190,10 +191,10 @@ class Builder(Execution):
         later: list[set[str]] = [elsewhere]
         for statement in reversed(statements):
             later.append(later[-1] | set(assigned(statement)))
-        for statement, others in zip(statements, reversed(later[:-1]), strict=True):
+        for statement, later_statements in zip(statements, reversed(later[:-1]), strict=True):
             self._run([statement], env)
             for base in dict.fromkeys(assigned(statement)):
-                if base in others:
+                if base in later_statements:
                     continue
                 for key in (f.text(e) for row in self.symbols.names.get(base, []) for e in row):
                     item, value = self.made.items.get(key), env.get(key)
@@ -206,17 +207,17 @@ class Builder(Execution):
 
     def _states_begin(self, start: Env) -> None:
         """The initial values of states for which `int` and `ddt` have none: from the initial equations, or 0."""
-        given = {label for s in (*self.source.equations, *self.source.code) for label in assigned(s)}
+        assigned_labels = {label for s in (*self.source.equations, *self.source.code) for label in assigned(s)}
         for name, first in self.memory.begun.items():
             item = self.made.items.get(name)
-            if item is not None and item.kind == "variable" and self.labels.get(name) not in given:
+            if item is not None and item.kind == "variable" and self.labels.get(name) not in assigned_labels:
                 self.made.initial.setdefault(name, first)
         for left, right, _ in list(self.made.equations):
             for name in (e.args[0].name for side in (left, right) for e in derivatives(side) if e.args[0].op == "name"):
-                value, own = start.get(name), self.made.initial.get(name)
-                if own is None and (value is not None or left == f.call("der", f.name(name))):
+                value, own_initial = start.get(name), self.made.initial.get(name)
+                if own_initial is None and (value is not None or left == f.call("der", f.name(name))):
                     self.made.initial[name] = f.number(0) if value is None else value
-                elif own is not None and value is not None and own != value:
+                elif own_initial is not None and value is not None and own_initial != value:
                     self.memory.note(self.submodel.line, f"the initial equation of '{name}' is not used: its integral or "
                                      "derivative states an initial value")
 
@@ -277,8 +278,8 @@ class Builder(Execution):
         else:
             env: Env = dict(self.triggers)
             self._statement(statement, env)
-            others = (s for s in (*self.source.equations, *self.source.code) if s is not statement)
-            self._results(self._without_memory(env, others), start, written)
+            other_statements = (s for s in (*self.source.equations, *self.source.code) if s is not statement)
+            self._results(self._without_memory(env, other_statements), start, written)
 
     def _without_memory(self, env: Env, others: Iterable[Statement]) -> Env:
         """Remove former values that are not needed; `others` are the statements that read the values unchanged."""
@@ -286,14 +287,14 @@ class Builder(Execution):
         read |= {n for e in self.made.events.values() for text in e.when.values() for n in re.findall(r"\w+", text)}
         read |= {n for first in (*self.made.initial.values(), *self.made.first.values()) for n in names(first)}
         kinds = {name: item.kind for name, item in self.made.items.items()}
-        own = [name for name in env if kinds.get(name) == "variable" and name not in self.made.gives and
-               not {name, self.labels.get(name, name)} & {*read, *self.plotted}]
-        found = without_memory(env, own, {n for n, kind in kinds.items() if kind == "parameter"})
-        for name in own:
-            if keeps(env[name], name) and not keeps(found[name], name) and found[name].op == "if" and \
-                    f.number(0) in found[name].args[1:]:
+        candidates = [name for name in env if kinds.get(name) == "variable" and name not in self.made.gives and
+                      not {name, self.labels.get(name, name)} & {*read, *self.plotted}]
+        reduced = without_memory(env, candidates, {n for n, kind in kinds.items() if kind == "parameter"})
+        for name in candidates:
+            if keeps(env[name], name) and not keeps(reduced[name], name) and reduced[name].op == "if" and \
+                    f.number(0) in reduced[name].args[1:]:
                 self.said.setdefault(self.labels.get(name, name), []).append("0 where no branch assigns it")
-        return found
+        return reduced
 
     def _do(self, statement: Do) -> None:
         if statement.error:
@@ -301,8 +302,8 @@ class Builder(Execution):
         function, call = statement.call.name.lower(), statement.call
         if function == "equal" and call.args and call.args[0].op == "call":
             elements = collected(self.symbols, call.args[0])
-            for other in elements[1:]:
-                self._pairs(elements[0][1], other[1])
+            for element in elements[1:]:
+                self._pairs(elements[0][1], element[1])
         elif function not in NO_EFFECT:
             raise Unreadable(statement.line, f"`{statement.call.name}` is not translated")
 
@@ -385,9 +386,9 @@ class Builder(Execution):
 
     def _final(self, expr: Expr) -> Matrix | None:
         """The variables in an expression, with their values after all statements."""
-        found = self.symbols.names.get(expr.name, []) if expr.op == "name" else []
-        kinds = {item.kind if (item := self.made.items.get(e.name)) else "" for row in found for e in row}
-        return found if found and kinds <= {"variable", "out"} else None
+        elements = self.symbols.names.get(expr.name, []) if expr.op == "name" else []
+        kinds = {item.kind if (item := self.made.items.get(e.name)) else "" for row in elements for e in row}
+        return elements if elements and kinds <= {"variable", "out"} else None
 
     def _assign(self, statement: Assign, env: Env) -> None:
         if statement.left.op == "call" and statement.left.name.lower() == "next" and \
@@ -415,9 +416,9 @@ class Builder(Execution):
         if self.discrete and item is not None and item.kind in ("variable", "out"):
             value = self._of_last_sample(name, value, start)
         between = at_event(value, None) if keeps(value, name) else between_events(value)
-        said = self.comment(self.labels.get(name, name))
+        comment = self.comment(self.labels.get(name, name))
         if item is None and name in self.targets and not keeps(value, name):
-            self.made.equations.append((self.targets[name], between, said))
+            self.made.equations.append((self.targets[name], between, comment))
             return
         if item is None or item.kind not in ("variable", "out"):
             self.made.untranslated.append((self.submodel.line, f"'{name}' cannot be assigned"))
@@ -426,18 +427,18 @@ class Builder(Execution):
             if triggers(value) and between == f.number(0) and item.kind == "variable":
                 self._constant_trigger(name)
             else:
-                self.made.equations.append((f.name(name), between, said))
+                self.made.equations.append((f.name(name), between, comment))
             return
         if between.op not in ("if", "prev") and not triggers(value):
             raise Unreadable(self.submodel.line, AT_EVERY_STEP.format(name))
-        found = leaves(between, Expr("prev", name=name))
-        if any(moves(self.made, leaf) for _, leaf in found) and name not in self.momentary:
-            if not any(keeps(e, name) for pair in found for e in pair):
-                self._follows(name, item, between, found, start.get(name, f.number(0)), said)
+        cases = leaves(between, Expr("prev", name=name))
+        if any(moves(self.made, leaf) for _, leaf in cases) and name not in self.momentary:
+            if not any(keeps(e, name) for pair in cases for e in pair):
+                self._follows(name, item, between, cases, start.get(name, f.number(0)), comment)
                 return
             self.made.omitted.append((self.submodel.line, f"'{name}' depends on the value that it had before; it is set "
                                       "only at the instants at which the conditions of its branches become true"))
-        self._held(name, item, value, start.get(name, f.number(0)), said)
+        self._held(name, item, value, start.get(name, f.number(0)), comment)
 
     def _of_last_sample(self, name: str, value: Expr, start: Env) -> Expr:
         """A value in which former values of variables, its own among them, are the values at the last sample."""
@@ -445,15 +446,16 @@ class Builder(Execution):
         if keeps(value, name):
             before[name] = None
         for n in before:
-            kept = self.memory.at_samples(f.name(n), start.get(n, f.number(0)))
-            value = renamed(value, n, f.name(kept)) if n == name else renamed_former(value, n, f.name(kept))
+            sampled_value = self.memory.at_samples(f.name(n), start.get(n, f.number(0)))
+            value = renamed(value, n, f.name(sampled_value)) if n == name else renamed_former(value, n,
+                                                                                              f.name(sampled_value))
         return value
 
     def _follows(self, name: str, item: Item, value: Expr, found: Iterable[tuple[Expr, Expr]], first: Expr,
                  said: str) -> None:
         """A variable that follows an expression while a branch assigns it, and keeps its last value otherwise."""
-        kept = self.made.hold(f"{name}_kept", item.unit, f"last value of {name}", first)
-        self.made.equations.append((f.name(name), renamed(value, name, f.name(kept)), said))
+        held_value = self.made.hold(f"{name}_kept", item.unit, f"last value of {name}", first)
+        self.made.equations.append((f.name(name), renamed(value, name, f.name(held_value)), said))
         for condition, leaf in found:
             condition = passed(self.made, self.assigned, condition)
             flag = self.made.hold(f"{name}_assigned", "", f"1 while a branch assigns {name}", f.number(0))
@@ -461,8 +463,8 @@ class Builder(Execution):
             left = Expr("and", (simplified(Expr("not", (condition,))), Expr("==", (f.name(flag), f.number(1)))))
             self.made.on("at_start", {"at": "0"}, {flag: Expr("if", (condition, f.number(1), f.number(0)))})
             self.made.on(f"{name}_begins", {"condition": f.text(condition)}, {flag: f.number(1)})
-            ends = self.made.on(f"{name}_ends", {"condition": f.text(left)}, {kept: leaf, flag: f.number(0)})
-            self.followed.append(Kept(kept, flag, ends, condition, leaf))
+            ends = self.made.on(f"{name}_ends", {"condition": f.text(left)}, {held_value: leaf, flag: f.number(0)})
+            self.followed.append(Kept(held_value, flag, ends, condition, leaf))
 
     def _held(self, name: str, item: Item, value: Expr, first: Expr, said: str) -> None:
         """A variable that keeps its value: held, and set by events."""

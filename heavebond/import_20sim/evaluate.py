@@ -63,10 +63,10 @@ class Evaluator:
     knots: Callable[[Expr], Matrix | None] = lambda _: None  # the value of `sum (direct (p.f))` or `first (p.e)` at a knot
 
     def scalar(self, expr: Expr) -> Expr:
-        found = self(expr)
-        if len(found) != 1 or len(found[0]) != 1:
+        matrix = self(expr)
+        if len(matrix) != 1 or len(matrix[0]) != 1:
             raise Unreadable(expr.line, "a vector is given instead of a number")
-        return found[0][0]
+        return matrix[0][0]
 
     def whole(self, expr: Expr) -> int:
         """A whole number that is known: a size or an index."""
@@ -77,10 +77,10 @@ class Evaluator:
 
     def __call__(self, expr: Expr) -> Matrix:
         """The elements of an expression by rows, at least one."""
-        found = self._elements(expr)
-        if not found or not found[0]:
+        matrix = self._elements(expr)
+        if not matrix or not matrix[0]:
             raise Unreadable(expr.line, "a matrix without elements is not possible")
-        return found
+        return matrix
 
     def _elements(self, expr: Expr) -> Matrix:
         op = expr.op
@@ -186,29 +186,30 @@ class Evaluator:
         if len(indices) == 1:
             rows = [[e] for row in rows for e in row]
         sizes = (len(rows), len(rows[0]) if rows else 0)
-        ways = [self._ways(e, n) for e, n in zip(indices, sizes, strict=False)]
+        positions = [self._ways(e, n) for e, n in zip(indices, sizes, strict=False)]
         whole, known = self.scalar(value), [self.scalar(e) if e.op == "name" else None for e in indices]
-        found = []
-        for place in product_of(*ways):
+        choices = []
+        for place in product_of(*positions):
             conditions = [c for _, c in place if c is not None]
             own = whole
             for index, (k, condition) in zip(known, place, strict=True):
                 if index is not None and index.op == "name" and condition is not None:
                     own = renamed(own, index.name, f.number(k + 1.0))
             element = rows[place[0][0]][place[1][0] if len(place) > 1 else 0]
-            found.append((element, reduce(lambda a, b: Expr("and", (a, b)), conditions), own))
-        return found
+            choices.append((element, reduce(lambda a, b: Expr("and", (a, b)), conditions), own))
+        return choices
 
     def _ways(self, index: Expr, size: int) -> list[tuple[int, Expr | None]]:
         """The positions that an index may name, with the condition for each if the run determines it."""
         if index.op == "range" or fold(value := self.scalar(index), self.numbers) is not None:
             return [(k, None) for k in self._range(index, size)]
         self._note_index(value, size, index.line)
-        found: list[tuple[int, Expr | None]] = []
+        positions_with_conditions: list[tuple[int, Expr | None]] = []
         for k in range(size):
             above, below = Expr(">", (value, f.number(k + 0.5))), Expr("<", (value, f.number(k + 1.5)))
-            found.append((k, below if k == 0 else above if k == size - 1 else Expr("and", (above, below))))
-        return found
+            positions_with_conditions.append((k, below if k == 0 else above if k == size - 1
+                                              else Expr("and", (above, below))))
+        return positions_with_conditions
 
     def _note_index(self, index: Expr, size: int, line: int) -> None:
         """List once that an index may lie outside 1 to `size`."""
@@ -230,10 +231,10 @@ class Evaluator:
 
     def _range(self, expr: Expr, size: int) -> list[int]:
         first, last = expr.args if expr.op == "range" else (expr, expr)
-        found = list(range(self.whole(first) - 1, self.whole(last)))
-        if not found or found[0] < 0 or found[-1] >= size:
+        indices = list(range(self.whole(first) - 1, self.whole(last)))
+        if not indices or indices[0] < 0 or indices[-1] >= size:
             raise Unreadable(expr.line, "an index lies outside its vector")
-        return found
+        return indices
 
     def _call(self, expr: Expr) -> Matrix:
         name = expr.name.lower()
@@ -371,10 +372,10 @@ BITS: dict[str, Callable[..., int]] = {
 
 def _chosen(index: Expr, elements: list[Expr]) -> Expr:
     """The element of an index that is computed during the run."""
-    found = elements[-1]
+    choice = elements[-1]
     for k in range(len(elements) - 1, 0, -1):
-        found = Expr("if", (Expr("<", (index, f.number(k + 0.5))), elements[k - 1], found))
-    return found
+        choice = Expr("if", (Expr("<", (index, f.number(k + 0.5))), elements[k - 1], choice))
+    return choice
 
 
 def _number(expr: Expr) -> Expr:

@@ -104,23 +104,23 @@ class Reader:
             self.depth -= 1
 
     def _postfix(self) -> Expr:
-        found = self._primary()
+        postfixed = self._primary()
         while self.now.text == "[":
             line = self.take().line
-            found = Expr("index", (found, *self._list("]", ranges=True)), line=line)
-        return found
+            postfixed = Expr("index", (postfixed, *self._list("]", ranges=True)), line=line)
+        return postfixed
 
     def _list(self, end: str, *, ranges: bool = False) -> list[Expr]:
-        found: list[Expr] = []
+        items: list[Expr] = []
         while self.now.text != end:
             first = self.expression()
             if ranges and self.skip(":"):
                 first = Expr("range", (first, self.expression()), line=first.line)
-            found.append(first)
+            items.append(first)
             if not self.skip(","):
                 break
         self.need(end)
-        return found
+        return items
 
     def _primary(self) -> Expr:
         token = self.take()
@@ -174,7 +174,7 @@ class Reader:
     # -- statements --------------------------------------------------------------------------------------------------
     def statements(self, *ends: str) -> list[Statement]:
         """Statements up to a keyword of `ends` or the next section; one that cannot be read is kept as an error."""
-        found: list[Statement] = []
+        statement_list: list[Statement] = []
         while self.now.kind != "end" and self.now.word not in SECTIONS and self.now.word not in ends:
             if self.skip(";"):
                 continue
@@ -183,12 +183,12 @@ class Reader:
                 continue
             start = self.at
             try:
-                found.append(self._statement())
+                statement_list.append(self._statement())
             except Unreadable as problem:
-                found.append(Do(Expr("text"), problem.line, problem.reason))
+                statement_list.append(Do(Expr("text"), problem.line, problem.reason))
                 self.at = max(self.at, start + 1)
                 self.to_semicolon()
-        return found
+        return statement_list
 
     def _statement(self) -> Statement:
         self.deeper()
@@ -295,25 +295,25 @@ class Reader:
     # -- declarations ------------------------------------------------------------------------------------------------
     def declarations(self, problems: list[tuple[int, str]]) -> list[Declared]:
         """Declarations up to the next section or `end`."""
-        found: list[Declared] = []
+        declared_list: list[Declared] = []
         while self.now.kind != "end" and self.now.word not in SECTIONS and self.now.word not in ("end", "restrictions",
                                                                                               "ports", "description"):
             if self.skip(";"):
                 continue
             if self.now.kind == "string":  # a description of the declaration before it
-                said = self.take().text[1:-1]
-                found[-1:] = [replace(item, doc=item.doc or said) for item in found[-1:]]
+                comment = self.take().text[1:-1]
+                declared_list[-1:] = [replace(item, doc=item.doc or comment) for item in declared_list[-1:]]
                 continue
             try:
                 if self.now.word not in KINDS:
                     raise Unreadable(self.now.line, f"'{self.now.text[:30]}' is not a declaration")
-                found += self._declared()
+                declared_list += self._declared()
             except Unreadable as problem:
                 problems.append((problem.line, problem.reason))
                 if self.now.word not in SECTIONS:
                     self.take()
                 self.to_semicolon()
-        return found
+        return declared_list
 
     def _annotation(self) -> None:
         """Skip the rest of `(min=0, range=<-1,1>)`."""
@@ -331,11 +331,11 @@ class Reader:
 
     def _declared(self) -> list[Declared]:
         kind, words = self.take().word, []
-        found: list[Declared] = []
+        declared_list: list[Declared] = []
         while self.now.word in WORDS:
             words.append(self.take().word)
         while True:
-            while found and self.now.word in WORDS and self.tokens[self.at + 1].kind == "name":
+            while declared_list and self.now.word in WORDS and self.tokens[self.at + 1].kind == "name":
                 self.take()
             token = self.take()
             if token.kind != "name":
@@ -357,9 +357,9 @@ class Reader:
                 else:
                     break
             *before, beside = self.comments.get(token.line, "").split("\n")
-            found.append(Declared(token.text, kind, token.line, tuple(words), tuple(size), value, unit, beside,
-                                  "" if found else "\n".join(before)))
+            declared_list.append(Declared(token.text, kind, token.line, tuple(words), tuple(size), value, unit, beside,
+                                          "" if declared_list else "\n".join(before)))
             if not self.skip(","):
                 break
         self.skip(";")
-        return found
+        return declared_list

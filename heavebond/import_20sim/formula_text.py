@@ -137,5 +137,5 @@ def _value(expr: Expr) -> str:
 def _within(expr: Expr, level: int) -> str:
     if expr.op in TRUTHS and level > 3:
         return _value(expr)
-    found, own = _text(expr)
-    return found if own >= level else f"({found})"
+    inner_text, inner_level = _text(expr)
+    return inner_text if inner_level >= level else f"({inner_text})"

@@ -36,13 +36,14 @@ def keep_values_before_jumps(made: Component, branches: list[Kept]) -> None:
     event of an instant stores it, and the end of the branch at the same instant does not change it."""
     formulas = {left.name: right for left, right, _ in made.equations if left.op == "name"}
     held = {item.name for item in made.of_kind("held")}
-    own = {label for branch in branches for label in (branch.name, branch.flag)}
+    branch_names = {label for branch in branches for label in (branch.name, branch.flag)}
     for branch in branches:
-        changed = (_reached(names(branch.value), formulas) & held) - own
-        ending = _setting(made, (_reached(names(branch.condition), formulas) & held) - own, formulas) if changed else []
+        changed = (_reached(names(branch.value), formulas) & held) - branch_names
+        ending = _setting(made, (_reached(names(branch.condition), formulas) & held) - branch_names,
+                          formulas) if changed else []
         inputs = {n for event in ending for n in _reached(_words(event), formulas)} - held - set(formulas) - WORDS
         jumps = [e for e in made.events.values() if set(e.then) & changed and e.when != AT_START
-                 and (any(e is other for other in ending) or inputs & _reached(_words(e), formulas))]
+                 and (any(e is end_event for end_event in ending) or inputs & _reached(_words(e), formulas))]
         if jumps:
             _store(made, branch, jumps)
 
@@ -79,23 +80,23 @@ def _words(event: Event) -> list[str]:
 
 def _setting(made: Component, wanted: set[str], formulas: dict[str, Expr]) -> list[Event]:
     """The events that set some of these variables, or variables on which the conditions of these events depend."""
-    found: list[Event] = []
+    events: list[Event] = []
     more = True
     while more:
         more = False
         for event in made.events.values():
-            if set(event.then) & wanted and event.when != AT_START and not any(event is e for e in found):
-                found.append(event)
+            if set(event.then) & wanted and event.when != AT_START and not any(event is e for e in events):
+                events.append(event)
                 wanted, more = wanted | _reached(_words(event), formulas), True
-    return found
+    return events
 
 
 def _reached(labels: Iterable[str], formulas: dict[str, Expr]) -> set[str]:
     """These names, and those in the equations of these variables."""
-    left, seen = list(labels), set[str]()
+    left, visited = list(labels), set[str]()
     while left:
         name = left.pop()
-        if name not in seen:
-            seen.add(name)
+        if name not in visited:
+            visited.add(name)
             left += names(formulas[name]) if name in formulas else ()
-    return seen
+    return visited

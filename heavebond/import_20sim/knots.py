@@ -35,8 +35,8 @@ def knot_value(symbols: Symbols, expr: Expr) -> Matrix | None:
     if name == "collect" and expr.args and expr.args[0].name.partition(".")[0] in symbols.many:
         return [row for _, matrix in collected(symbols, expr) for row in matrix] or None
     if name == "first" and expr.args and expr.args[0].name.partition(".")[0] in symbols.many:
-        found = collected(symbols, expr)
-        return found[0][1] if found else [[f.number(0)]]
+        ends_of_port = collected(symbols, expr)
+        return ends_of_port[0][1] if ends_of_port else [[f.number(0)]]
     if expr.op in ("+", "-") and (left := knot_value(symbols, expr.args[0])) is not None:
         right = knot_value(symbols, expr.args[1])
         if right is not None:
@@ -53,10 +53,10 @@ def _total(ends: list[tuple[bool, Matrix]], directed: bool, line: int) -> Matrix
 
 
 def _product(ends: list[Matrix], line: int) -> Matrix:
-    found: Matrix | None = None
+    factor: Matrix | None = None
     for matrix in ends:
-        found = matrix if found is None else each(f.multiply, found, matrix, line)
-    return found or [[f.number(1)]]
+        factor = matrix if factor is None else each(f.multiply, factor, matrix, line)
+    return factor or [[f.number(1)]]
 
 
 def knot_equations(symbols: Symbols, statement: Assign) -> Iterator[tuple[Matrix, Matrix]]:
@@ -67,8 +67,8 @@ def knot_equations(symbols: Symbols, statement: Assign) -> Iterator[tuple[Matrix
             yield matrix, symbols.evaluate(right)
         return
     sides = knot_value(symbols, left) or (knot_value(symbols, right) and symbols.evaluate(left))
-    if sides and ((other := knot_value(symbols, right)) or right.op == "number"):
-        yield sides, other or symbols.evaluate(right)
+    if sides and ((second_value := knot_value(symbols, right)) or right.op == "number"):
+        yield sides, second_value or symbols.evaluate(right)
 
 
 def one_junction(symbols: Symbols) -> tuple[Ends, tuple[str, ...]] | None:

@@ -35,16 +35,16 @@ def linear_match(made: Component, joined: Collection[str]) -> Match | None:
     known = {name: value for name, value in values.items() if value is not None}
 
     def at(point: np.ndarray) -> np.ndarray | None:
-        found = [fold(e, {**known, **dict(zip(columns, map(float, point), strict=True))}) for e in rows]
-        return None if None in found else np.array(found, dtype=float)
+        folded = [fold(e, {**known, **dict(zip(columns, map(float, point), strict=True))}) for e in rows]
+        return None if None in folded else np.array(folded, dtype=float)
 
     offset, units = at(np.zeros(len(columns))), [at(p) for p in np.eye(len(columns))]
-    other = np.random.default_rng(0).uniform(-1, 1, len(columns))
-    there = at(other)
-    if offset is None or offset.any() or there is None or any(c is None for c in units):
+    second_point = np.random.default_rng(0).uniform(-1, 1, len(columns))
+    value_there = at(second_point)
+    if offset is None or offset.any() or value_there is None or any(c is None for c in units):
         return None
     whole = np.array(units).T
-    if not np.allclose(whole @ other, there, rtol=SAME, atol=SAME * np.abs(whole).max(initial=0.0)):
+    if not np.allclose(whole @ second_point, value_there, rtol=SAME, atol=SAME * np.abs(whole).max(initial=0.0)):
         return None
     first = {name: fold(value, known) for name, value in made.initial.items()}
     if None in first.values():
@@ -52,7 +52,7 @@ def linear_match(made: Component, joined: Collection[str]) -> Match | None:
     n = len(states)
     parts = {"A": whole[:n, :n], "B": whole[:n, n:], "C": whole[n:, :n], "D": whole[n:, n:]}
     matrices = {name: m.tolist() for name, m in parts.items() if name != "D" or m.any()}
-    ports = {name: f"{kind}[{k + 1}]" for kind, own in (("u", inputs), ("y", outputs)) for k, name in enumerate(own)}
+    ports = {name: f"{kind}[{k + 1}]" for kind, group in (("u", inputs), ("y", outputs)) for k, name in enumerate(group)}
     begins = {f"x[{k + 1}]": first.get(x) or 0.0 for k, x in enumerate(states)}
     return Match("LinearSystem", ports, {}, {}, {"A": "1/s", "B": "1/s", "C": "", "D": "", **dict.fromkeys(begins, "")},
                  begins, matrices=matrices)

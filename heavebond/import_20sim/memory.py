@@ -62,16 +62,16 @@ class Memory:
         rate, new, reset = args[:3]
         reset, new = f.truth(reset), at_event(new, None)
         between = at_event(reset, None)
-        found = self.state(simplified(Expr("if", (between, f.number(0), rate))), args[3] if len(args) > 3 else None, line,
-                           "resint")
+        integral = self.state(simplified(Expr("if", (between, f.number(0), rate))), args[3] if len(args) > 3 else None, line,
+                              "resint")
         for trigger in triggers(reset):
             for ending, when in self.instants(trigger):
-                then = simplified(Expr("if", (at_event(reset, trigger), new, found)))
-                self.made.on(f"{found.name}_reset_{ending}", when, {found.name: then})
+                then = simplified(Expr("if", (at_event(reset, trigger), new, integral)))
+                self.made.on(f"{integral.name}_reset_{ending}", when, {integral.name: then})
         if between.op != "number":
-            self.made.on(f"{found.name}_reset", {"condition": f.text(between)}, {found.name: new})
-            self.made.on("at_start", {"at": "0"}, {found.name: Expr("if", (between, new, found))})
-        return found
+            self.made.on(f"{integral.name}_reset", {"condition": f.text(between)}, {integral.name: new})
+            self.made.on("at_start", {"at": "0"}, {integral.name: Expr("if", (between, new, integral))})
+        return integral
 
     def limited(self, args: list[Expr], line: int) -> Expr:
         """`limint(x, low, high, first)`: the integral of x, which stays at a limit until x leads away from it."""
@@ -80,17 +80,17 @@ class Memory:
         rate, low, high = args[:3]
         at_limit = self.made.hold(self._name(rate, "at_limit"), "", "1 at the upper limit, -1 at the lower one", f.number(0))
         free = Expr("==", (f.name(at_limit), f.number(0)))
-        found = self.state(Expr("if", (free, rate, f.number(0))), args[3] if len(args) > 3 else None, line, "limint")
+        integral = self.state(Expr("if", (free, rate, f.number(0))), args[3] if len(args) > 3 else None, line, "limint")
         for side, sign, limit in (("high", 1, high), ("low", -1, low)):
-            there = Expr("==", (f.name(at_limit), f.number(sign)))
+            at_this_limit = Expr("==", (f.name(at_limit), f.number(sign)))
             beyond, back = (">", "<") if sign > 0 else ("<", ">")
             # only if the rate leads outwards: it begins at the limit when it leaves it
-            outwards = Expr("and", (Expr(beyond, (found, limit)), Expr(beyond, (rate, f.number(0)))))
-            self.made.on(f"{found.name}_{side}", {"condition": f.text(Expr("and", (outwards, free)))},
-                         {at_limit: f.number(sign), found.name: limit})
-            inwards = Expr("and", (Expr(back, (rate, f.number(0))), there))
-            self.made.on(f"{found.name}_leaves_{side}", {"condition": f.text(inwards)}, {at_limit: f.number(0)})
-        return found
+            outwards = Expr("and", (Expr(beyond, (integral, limit)), Expr(beyond, (rate, f.number(0)))))
+            self.made.on(f"{integral.name}_{side}", {"condition": f.text(Expr("and", (outwards, free)))},
+                         {at_limit: f.number(sign), integral.name: limit})
+            inwards = Expr("and", (Expr(back, (rate, f.number(0))), at_this_limit))
+            self.made.on(f"{integral.name}_leaves_{side}", {"condition": f.text(inwards)}, {at_limit: f.number(0)})
+        return integral
 
     def delayed(self, args: list[Expr], line: int) -> Expr:
         """`tdelay(x, T)`: x delayed by a Padé approximation in the form of PadeDelay: a chain of `PAIRS` pairs of states
@@ -147,16 +147,16 @@ class Memory:
         if kind == "sample":
             return value
         if kind == "dint":
-            said = "sum of the samples before times the sample time"
-            kept = f.name(self.made.hold(self._name(value, "dint"), "", said, first))
-            self.sampled({kept.name: f.add(kept, f.multiply(period, value))})
-            return kept
+            doc = "sum of the samples before times the sample time"
+            sampled_value = f.name(self.made.hold(self._name(value, "dint"), "", doc, first))
+            self.sampled({sampled_value.name: f.add(sampled_value, f.multiply(period, value))})
+            return sampled_value
         if kind == "hold":
             name = self.made.hold(self._name(value, "hold"), "", "held between the samples", first)
             self.sampled({name: value})
             return f.name(name)
-        kept = f.name(self.at_samples(value if final is None else final, first))
-        return kept if kind == "previous" else Expr("/", (Expr("-", (value, kept)), period))
+        sampled_value = f.name(self.at_samples(value if final is None else final, first))
+        return sampled_value if kind == "previous" else Expr("/", (Expr("-", (value, sampled_value)), period))
 
     def at_samples(self, value: Expr, first: Expr | None = None) -> str:
         """A held variable with the value at the last sample, and its first value."""
@@ -164,14 +164,14 @@ class Memory:
         for name, old in event.then.items() if event is not None else ():
             if old == value and name.endswith(SAMPLED) and first in (None, self.made.first[name]):
                 return name
-        said = f"{f.text(value)} at the last sample" if value.op == "name" else "value at the last sample"
-        name = self.made.hold(self._name(value, SAMPLED), "", said, f.number(0) if first is None else first)
+        doc = f"{f.text(value)} at the last sample" if value.op == "name" else "value at the last sample"
+        name = self.made.hold(self._name(value, SAMPLED), "", doc, f.number(0) if first is None else first)
         self.sampled({name: value})
         return name
 
     def keep_samples(self, quantities: Collection[str]) -> None:
         """Let continuous equations use the last sampled values of quantities that change at samples only."""
-        made = self.made
+        component = self.made
 
         def kept(expr: Expr) -> Expr:
             for name in dict.fromkeys(n for n in names(expr) if n in quantities):
@@ -179,24 +179,25 @@ class Memory:
             return expr
 
         read: set[str] = set()  # by continuous equations
-        for k, (left, right, said) in enumerate(made.equations):
+        for k, (left, right, comment) in enumerate(component.equations):
             if left.op != "name" or left.name not in quantities:
-                made.equations[k] = kept(left), kept(right), said
-                read.update(n for side in made.equations[k][:2] for n in names(side))
-        for label, event in made.events.items():
+                component.equations[k] = kept(left), kept(right), comment
+                read.update(n for side in component.equations[k][:2] for n in names(side))
+        for label, event in component.events.items():
             conditions = re.findall(r"\w+", " ".join(event.when.values()))
             if label != SAMPLE and set(quantities) & set(conditions) and read & set(event.then):
-                made.omitted.append((made.line, f"the event '{label}' follows a sampled quantity between the samples"))
+                component.omitted.append((component.line,
+                                          f"the event '{label}' follows a sampled quantity between the samples"))
 
     def sampled(self, then: dict[str, Expr]) -> None:
         """Set values at every sample, after all other events of the same instant, such as a step of an input: a clock
         counts the samples, and an unprocessed count is a sample."""
         if SAMPLE not in self.made.events:
             self.sample_time()
-            ticks, taken = (self.made.hold(name, "", doc, f.number(0)) for name, doc in (
+            ticks, counted = (self.made.hold(name, "", doc, f.number(0)) for name, doc in (
                 ("ticks", "samples that are due"), ("samples", "samples that are taken")))
             self.made.on("tick", {"every": SAMPLE_TIME}, {ticks: f.add(f.name(ticks), f.number(1))})
-            self.made.on(SAMPLE, {"condition": f"{ticks} > {taken}"}, {taken: f.name(ticks)})
+            self.made.on(SAMPLE, {"condition": f"{ticks} > {counted}"}, {counted: f.name(ticks)})
         self.made.events[SAMPLE].then.update({name: at_event(value, None) for name, value in then.items()})
 
     # -- events ------------------------------------------------------------------------------------------------------
@@ -226,10 +227,10 @@ class Memory:
         known = fold(value, {n: item.value for n, item in self.made.items.items() if item.value is not None})
         if known is None:
             raise Unreadable(0, "`frequencyevent` needs a period and a first time that are known")
-        own = next((n for n, item in self.made.items.items() if item.doc.startswith("of `frequencyevent`")
-                    and item.value == known), None) or self.made.fresh(name)
-        self.made.items[own] = Item(own, "parameter", "s", "of `frequencyevent`", known)
-        return own
+        parameter_name = next((n for n, item in self.made.items.items() if item.doc.startswith("of `frequencyevent`")
+                               and item.value == known), None) or self.made.fresh(name)
+        self.made.items[parameter_name] = Item(parameter_name, "parameter", "s", "of `frequencyevent`", known)
+        return parameter_name
 
     def noise(self, line: int) -> Expr:
         """Random noise is left out."""

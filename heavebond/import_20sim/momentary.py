@@ -35,8 +35,8 @@ def with_conditions_before(values: Mapping[str, Expr]) -> dict[str, Expr]:
             return expr
         return Expr("if", (written_out(expr.args[0]), *map(change, expr.args[1:])), line=expr.line)
 
-    found = {name: change(value) for name, value in values.items() if name not in flags} if flags else {}
-    return {name: simplified(value) for name, value in found.items() if value != values[name]}
+    rewritten = {name: change(value) for name, value in values.items() if name not in flags} if flags else {}
+    return {name: simplified(value) for name, value in rewritten.items() if value != values[name]}
 
 
 @lru_cache(maxsize=100_000)
@@ -50,10 +50,10 @@ def _conditions(value: Expr) -> tuple[Expr, ...]:
 
 def _reached(expr: Expr, values: Mapping[str, Expr]) -> set[str]:
     """The variables on which an expression depends."""
-    found, front = set[str](), [*names(expr)]
+    visited, front = set[str](), [*names(expr)]
     while front:
         name = front.pop()
-        if name not in found:
-            found.add(name)
+        if name not in visited:
+            visited.add(name)
             front += names(values[name]) if name in values and not keeps(values[name], name) else ()
-    return found
+    return visited

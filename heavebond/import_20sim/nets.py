@@ -26,10 +26,10 @@ class Nets:
         self.parent[self.find(b)] = self.find(a)
 
     def groups(self) -> list[list[str]]:
-        found: dict[str, list[str]] = {}
+        groups: dict[str, list[str]] = {}
         for end in self.parent:
-            found.setdefault(self.find(end), []).append(end)
-        return list(found.values())
+            groups.setdefault(self.find(end), []).append(end)
+        return list(groups.values())
 
 
 def passing(made: Component, equations: Iterable[tuple[str, str]], nets: Nets) -> None:

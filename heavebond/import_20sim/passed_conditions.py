@@ -54,8 +54,8 @@ def _by_choice(made: Component, assigned: Mapping[str, Expr], expr: Expr) -> Exp
         first, then, otherwise = e.args[0], condition(e.args[1]), condition(e.args[2])
         return Expr("or", (Expr("and", (first, then)), Expr("and", (Expr("not", (first,)), otherwise))))
 
-    found = simplified(condition(value))
-    return None if found.op == "number" else found
+    choice_condition = simplified(condition(value))
+    return None if choice_condition.op == "number" else choice_condition
 
 
 def _all_numbers(expr: Expr) -> bool:

@@ -60,7 +60,7 @@ class Law:
     @property
     def differentiated(self) -> list[syntax.Expr]:
         """Arguments of `der`."""
-        return [found for e in self.equations for side in (e.left, e.right) for found in _differentiated(side)]
+        return [argument for e in self.equations for side in (e.left, e.right) for argument in _differentiated(side)]
 
     @property
     def choices(self) -> int:
@@ -81,8 +81,8 @@ def _differentiated(expr: syntax.Expr) -> Iterator[syntax.Expr]:
 
 
 def _choices(expr: syntax.Expr) -> int:
-    own = isinstance(expr, syntax.Compare) or (isinstance(expr, syntax.Call) and expr.function in CHOOSING)
-    return own + sum(map(_choices, syntax.children(expr)))
+    is_choice = isinstance(expr, syntax.Compare) or (isinstance(expr, syntax.Call) and expr.function in CHOOSING)
+    return is_choice + sum(map(_choices, syntax.children(expr)))
 
 
 def _plain(expr: syntax.Expr) -> str:
@@ -137,10 +137,10 @@ def _value(expr: syntax.Expr, point: Point) -> complex:
         values = [_value(e, point) for e in expr.args]
         if expr.function in REAL:
             real = [_real(v) for v in values]
-            found = REAL[expr.function](*real)
+            value = REAL[expr.function](*real)
             if expr.function in CHOOSING:
-                point.taken.add((id(expr), real.index(found) if len(real) > 1 else real[0] > 0))
-            return found
+                point.taken.add((id(expr), real.index(value) if len(real) > 1 else real[0] > 0))
+            return value
         return ANALYTIC[expr.function](*values)
     raise ValueError
 
@@ -151,9 +151,9 @@ def _true(expr: syntax.Expr, point: Point) -> bool:
     if isinstance(expr, syntax.Logic):
         return (all if expr.op == "and" else any)(_true(e, point) for e in (expr.left, expr.right))
     if isinstance(expr, syntax.Compare):
-        found = COMPARED[expr.op](_real(_value(expr.left, point)), _real(_value(expr.right, point)))
-        point.taken.add((id(expr), found))
-        return found
+        outcome = COMPARED[expr.op](_real(_value(expr.left, point)), _real(_value(expr.right, point)))
+        point.taken.add((id(expr), outcome))
+        return outcome
     raise ValueError
 
 
@@ -162,11 +162,11 @@ def _computed(law: Law, known: Mapping[str, complex],
     """The inner variables that follow explicitly from the known quantities, the other equations, and the other inner
     variables.
     """
-    values, rest, inner = dict(known), list(law.equations), list(law.inner)
-    found = True
-    while found:
-        found = False
-        for equation in rest:
+    values, remaining, inner = dict(known), list(law.equations), list(law.inner)
+    changed = True
+    while changed:
+        changed = False
+        for equation in remaining:
             if not isinstance(equation.left, syntax.Name) or equation.left.text not in inner:
                 continue
             try:
@@ -177,10 +177,10 @@ def _computed(law: Law, known: Mapping[str, complex],
                 del values[equation.left.text]
                 continue
             inner.remove(equation.left.text)
-            rest.remove(equation)
-            found = True
+            remaining.remove(equation)
+            changed = True
             break
-    return values, rest, inner
+    return values, remaining, inner
 
 
 def _matrix(law: Law, where: Point, chosen: Sequence[syntax.Equation] | None = None) -> Array:
@@ -200,11 +200,11 @@ def _matrix(law: Law, where: Point, chosen: Sequence[syntax.Equation] | None = N
 
     zero = residual([0j] * len(unknown))
     columns = [residual([1 + 0j if i == k else 0j for i in range(len(unknown))]) - zero for k in range(len(unknown))]
-    found = np.array([*columns, zero], complex).T.reshape(len(chosen), len(unknown) + 1)
-    if not np.all(np.isfinite(found)) or np.abs(found @ np.array([*point, 1]) - residual(point)).max(initial=0) > \
-            SAME * max(1.0, np.abs(found).max(initial=0)):
+    matrix = np.array([*columns, zero], complex).T.reshape(len(chosen), len(unknown) + 1)
+    if not np.all(np.isfinite(matrix)) or np.abs(matrix @ np.array([*point, 1]) - residual(point)).max(initial=0) > \
+            SAME * max(1.0, np.abs(matrix).max(initial=0)):
         raise ValueError
-    return found
+    return matrix
 
 
 def _ports_only(matrix: Array, ports: int) -> Array:
@@ -218,8 +218,8 @@ def _ports_only(matrix: Array, ports: int) -> Array:
             raise ValueError  # an undetermined inner variable
         rest = left[:, rank:].conj().T @ rest
     size = np.linalg.norm(rest, axis=1)
-    found: Array = rest[size > SAME] / size[size > SAME][:, None]
-    return found
+    rows: Array = rest[size > SAME] / size[size > SAME][:, None]
+    return rows
 
 
 def _rank(matrix: Array) -> int:
@@ -253,26 +253,27 @@ def _imported(made: Component, joined: set[str]) -> Law | None:
 @lru_cache(maxsize=1)
 def _candidates() -> tuple[tuple[definition.Component, Law], ...]:
     """The components of the library with ports of any domain and signals of any unit that consist of a law only."""
-    found = []
+    candidates = []
     for name in sorted(set(library().names()) - FOR_FILES):
         try:
-            own = library().component(name)
+            component = library().component(name)
         except HeavebondError:
             continue
-        counts = [*(p.count for p in own.ports.values()), *(p.count for p in own.parameters.values()),
-                  *(v.count for v in own.variables.values())]
-        if own.when or own.body.instances or own.foreign or own.placeholder or not own.equations or \
-                any(count is not None for count in counts) or any(e.each for e in own.equations) or \
-                any(p.domain not in ("bond", "$D") for p in own.ports.values()) or \
-                any(p.integer or p.neutral is not None or p.width for p in own.parameters.values()) or \
-                len(own.parameters) > MOST_PARAMETERS + 1 or len(own.signals) > MOST_SIGNALS:
+        counts = [*(p.count for p in component.ports.values()), *(p.count for p in component.parameters.values()),
+                  *(v.count for v in component.variables.values())]
+        if component.when or component.body.instances or component.foreign or component.placeholder or \
+                not component.equations or any(count is not None for count in counts) or \
+                any(e.each for e in component.equations) or \
+                any(p.domain not in ("bond", "$D") for p in component.ports.values()) or \
+                any(p.integer or p.neutral is not None or p.width for p in component.parameters.values()) or \
+                len(component.parameters) > MOST_PARAMETERS + 1 or len(component.signals) > MOST_SIGNALS:
             continue
-        law = Law(tuple(e.tree for e in own.equations), tuple(own.ports),
-                  tuple(n for n, p in own.signals.items() if p.direction == "in"),
-                  tuple(n for n, p in own.signals.items() if p.direction == "out"), tuple(own.parameters),
-                  tuple(own.variables))
-        found.append((own, law))
-    return tuple(found)
+        law = Law(tuple(e.tree for e in component.equations), tuple(component.ports),
+                  tuple(n for n, p in component.signals.items() if p.direction == "in"),
+                  tuple(n for n, p in component.signals.items() if p.direction == "out"), tuple(component.parameters),
+                  tuple(component.variables))
+        candidates.append((component, law))
+    return tuple(candidates)
 
 
 def _unit(text: str) -> str:
@@ -295,15 +296,16 @@ def recognised(made: Component, joined: set[str]) -> Match | None:
         return None
     simplest = sorted(_candidates(), key=lambda pair: (pair[0].effect is not None, len(pair[1].inputs),
                                                        len(pair[1].parameters), len(pair[0].name), pair[0].name))
-    for own, other in simplest:
-        if len(own.ports) != len(law.bonds) or len(other.outputs) != len(law.outputs) or \
-                len(other.states) != len(law.states) or \
-                len(other.inputs) < len(law.inputs) or (not law.bonds and len(other.inputs) > len(law.inputs)) or \
-                len(other.inputs) - len(law.inputs) + len(other.parameters) < len(law.parameters):
+    for component, library_law in simplest:
+        if len(component.ports) != len(law.bonds) or len(library_law.outputs) != len(law.outputs) or \
+                len(library_law.states) != len(law.states) or \
+                len(library_law.inputs) < len(law.inputs) or (not law.bonds
+                                                              and len(library_law.inputs) > len(law.inputs)) or \
+                len(library_law.inputs) - len(law.inputs) + len(library_law.parameters) < len(law.parameters):
             continue
-        for match in _assignments(made, law, own, other):
-            if _within_bounds(made, own, match) and _agree(law, other, match) and \
-                    (complete := _with_states(made, law, own, other, match)) is not None:
+        for match in _assignments(made, law, component, library_law):
+            if _within_bounds(made, component, match) and _agree(law, library_law, match) and \
+                    (complete := _with_states(made, law, component, library_law, match)) is not None:
                 return complete
     return _without_ones(made, law, joined)
 
@@ -362,12 +364,12 @@ def _assignments(made: Component, law: Law, own: definition.Component, other: La
                 places = [n for n in (*other.inputs, *other.parameters) if n not in inputs]
                 ports = dict(zip((*law.bonds, *law.outputs, *law.inputs), (*bonds, *outputs, *inputs), strict=True))
                 for chosen in itertools.permutations(places, len(law.parameters)):
-                    rest = [n for n in places if n not in chosen]
-                    for numbers in itertools.product(*(_numbers(own, n) for n in rest)):
+                    remaining = [n for n in places if n not in chosen]
+                    for numbers in itertools.product(*(_numbers(own, n) for n in remaining)):
                         units = {n: _unit((own.parameters[n] if n in own.parameters else own.signals[n]).unit.text)
                                  for n in places}
                         yield Match(own.name, ports, dict(zip(chosen, law.parameters, strict=True)),
-                                    dict(zip(rest, numbers, strict=True)), units,
+                                    dict(zip(remaining, numbers, strict=True)), units,
                                     any_domain=any(p.domain == "$D" for p in own.ports.values()))
 
 
@@ -435,7 +437,7 @@ def _with_states(made: Component, law: Law, own: definition.Component, other: La
         row[columns.index(state)], row[-1] = 1, -first.value
         rows = np.vstack([rows, row])
     back = {match.ports[p]: p for p in (*law.bonds, *law.outputs)}
-    found: dict[str, float] = {}
+    initial_values: dict[str, float] = {}
     for state in sorted(other.states):
         port, _, quantity = state.partition(".")
         if port not in back:
@@ -446,9 +448,9 @@ def _with_states(made: Component, law: Law, own: definition.Component, other: La
         weights, *_ = np.linalg.lstsq(rows[:, :-1].T, unit.astype(complex), rcond=None)
         if np.abs(rows[:, :-1].T @ weights - unit).max() > SAME:
             return None
-        found[state] = float(f"{-(weights @ rows[:, -1]).real:.13g}") + 0.0  # with the precision of the combination
-    units = match.units | {state: "W" if state.endswith(".e") else "" for state in found}
-    return replace(match, units=units, initial=found)
+        initial_values[state] = float(f"{-(weights @ rows[:, -1]).real:.13g}") + 0.0  # with the precision of the combination
+    units = match.units | {state: "W" if state.endswith(".e") else "" for state in initial_values}
+    return replace(match, units=units, initial=initial_values)
 
 
 def _dynamic(equation: syntax.Equation) -> bool:

@@ -83,16 +83,16 @@ class _Graph:
         """The outputs of submodels of equations that feed an end."""
         if end in seen:
             return []
-        found = []
+        sources = []
         for start in self.feeds.get(end, ()):
-            found += [start] if start[0] in self.leaves else self.sources(start, seen | {end})
-        return found
+            sources += [start] if start[0] in self.leaves else self.sources(start, seen | {end})
+        return sources
 
     def inputs(self, leaf: int) -> dict[str, list[End]]:
         """The connected inputs of a submodel of equations, with their sources."""
         named = {p.name: self.sources((leaf, p.name)) for p in self.leaves[leaf].ports
                  if p.domain == "signal" and p.direction != "out"}
-        return {name: found for name, found in named.items() if found}
+        return {name: sources for name, sources in named.items() if sources}
 
     def continuous(self, leaf: int) -> bool:
         """True if a submodel has states, events or bonds."""
@@ -104,19 +104,19 @@ class _Graph:
         assert equations is not None
         statements = (*equations.equations, *equations.code)
         known = {d.name for d in (*equations.constants, *equations.parameters, *self.leaves[leaf].parameters)} | {"pi"}
-        given: dict[str, list[tuple[set[str], set[str]]]] = {}
+        assignments: dict[str, list[tuple[set[str], set[str]]]] = {}
         for statement in statements:
             called = {name.lower() for e in _expressions([statement]) for name in calls(e)}
             for label in assigned(statement):
-                given.setdefault(label, []).append((called, mentioned(statement) - set(assigned(statement)) - known))
-        found: set[str] = set()
+                assignments.setdefault(label, []).append((called, mentioned(statement) - set(assigned(statement)) - known))
+        sampled_names: set[str] = set()
         size = -1
-        while size != len(found):
-            size = len(found)
-            found |= {label for label, ways in given.items() if all(
-                not called & (CONTINUOUS | {"hold"}) and (called & DISCRETE or (read and read <= found))
-                for called, read in ways)}
-        return found
+        while size != len(sampled_names):
+            size = len(sampled_names)
+            sampled_names |= {label for label, dependencies in assignments.items() if all(
+                not called & (CONTINUOUS | {"hold"}) and (called & DISCRETE or (read and read <= sampled_names))
+                for called, read in dependencies)}
+        return sampled_names
 
     def holds(self, end: End) -> bool:
         """True if an output is the result of a `hold`."""
@@ -132,8 +132,8 @@ def sampling(root: Submodel, sample_times: Mapping[str, float]) -> Sampling:
     graph, found = _Graph(root), Sampling()
     inputs = {leaf: graph.inputs(leaf) for leaf in graph.leaves}
     found.discrete = {leaf for leaf, called in graph.calls.items() if called & DISCRETE and not graph.continuous(leaf)}
-    found.sampled = {leaf: own for leaf, called in graph.calls.items()
-                     if called & DISCRETE and graph.continuous(leaf) and (own := graph.sampled(leaf))}
+    found.sampled = {leaf: sampled_names for leaf, called in graph.calls.items()
+                     if called & DISCRETE and graph.continuous(leaf) and (sampled_names := graph.sampled(leaf))}
     mixed: set[int] = set()  # algebraic, with discrete and continuous signals
 
     def discrete(source: End) -> bool:
@@ -146,11 +146,11 @@ def sampling(root: Submodel, sample_times: Mapping[str, float]) -> Sampling:
     while size != len(found.discrete) + len(mixed):
         size = len(found.discrete) + len(mixed)
         for leaf in plain:
-            ways = [discrete(source) for sources in inputs[leaf].values() for source in sources]
-            if ways and all(ways):
+            source_kinds = [discrete(source) for sources in inputs[leaf].values() for source in sources]
+            if source_kinds and all(source_kinds):
                 found.discrete.add(leaf)
                 mixed.discard(leaf)
-            elif any(ways) and leaf not in found.discrete and _ends_in(graph, inputs, leaf, found.discrete):
+            elif any(source_kinds) and leaf not in found.discrete and _ends_in(graph, inputs, leaf, found.discrete):
                 mixed.add(leaf)
     for leaf in graph.leaves:
         if leaf not in found.discrete and leaf not in mixed and "hold" not in graph.calls[leaf]:
@@ -178,24 +178,24 @@ def _times(graph: _Graph, inputs: Mapping[int, Mapping[str, list[End]]], found: 
         front = [] if first is None or first in times else [first]
         while front:
             times[now := front.pop()] = time
-            front += [other for other in beside[now] if other not in times]
+            front += [neighbour for neighbour in beside[now] if neighbour not in times]
     for leaf, held in found.held.items():  # continuous ones that take its signals
-        own = [times[source] for name in held for source, _ in inputs[leaf][name] if source in times]
-        times.update({leaf: own[0]} if own and leaf not in times else {})
+        known_times = [times[source] for name in held for source, _ in inputs[leaf][name] if source in times]
+        times.update({leaf: known_times[0]} if known_times and leaf not in times else {})
     return times
 
 
 def _ends_in(graph: _Graph, inputs: dict[int, dict[str, list[End]]], leaf: int, discrete: set[int]) -> bool:
     """True if the outputs of an algebraic submodel reach a discrete one, or a `hold`, through algebraic ones."""
-    seen, front = {leaf}, [leaf]
+    visited, front = {leaf}, [leaf]
     while front:
-        own = front.pop()
-        for other, named in inputs.items():
-            if other in seen or not any(s[0] == own for sources in named.values() for s in sources):
+        reached = front.pop()
+        for consumer, named in inputs.items():
+            if consumer in visited or not any(s[0] == reached for sources in named.values() for s in sources):
                 continue
-            if other in discrete or "hold" in graph.calls[other]:
+            if consumer in discrete or "hold" in graph.calls[consumer]:
                 return True
-            if not graph.continuous(other):
-                seen.add(other)
-                front.append(other)
+            if not graph.continuous(consumer):
+                visited.add(consumer)
+                front.append(consumer)
     return False

@@ -55,17 +55,17 @@ def tokenise(text: str, file: str, first_line: int) -> Lexed:
     beside: dict[int, str] = {}
     position, line = 0, first_line
     while position < len(text):
-        found = TOKENS.match(text, position)
-        assert found is not None  # any other character is a sign
-        kind, word = found.lastgroup or "", found.group()
-        if found["prefix"]:  # 0.5m is 0.5e-3
-            word = f"{word[:-1]}e{PREFIXES[found['prefix']]}"
+        token_match = TOKENS.match(text, position)
+        assert token_match is not None  # any other character is a sign
+        kind, word = token_match.lastgroup or "", token_match.group()
+        if token_match["prefix"]:  # 0.5m is 0.5e-3
+            word = f"{word[:-1]}e{PREFIXES[token_match['prefix']]}"
         if kind == "comment":
             if tokens and tokens[-1].line == line:
                 beside[line] = " ".join(word.strip("/*").split())
             else:
-                said = [" ".join(text.strip("/* \t").split()) for text in word.splitlines()]
-                alone += [text for text in said if text and not TEMPLATE.match(text)]
+                comment_lines = [" ".join(text.strip("/* \t").split()) for text in word.splitlines()]
+                alone += [text for text in comment_lines if text and not TEMPLATE.match(text)]
         elif kind not in ("space", "newline"):
             if word.lower() in ENDS:
                 alone = []
@@ -75,7 +75,7 @@ def tokenise(text: str, file: str, first_line: int) -> Lexed:
             if len(tokens) > MOST_TOKENS:
                 raise ModelError([Problem("emx-size", "the model has more than two million words", Place(file, line))])
         line += word.count("\n")
-        position = found.end()
+        position = token_match.end()
     for line_of, text in beside.items():
         comments[line_of] = comments.get(line_of, "") + text
     tokens.append(Token("end", "", line))

@@ -33,26 +33,26 @@ def parse_sidops(text: str, file: str, first_line: int = 1) -> Submodel:
 
 
 def _numbers(reader: Reader) -> list[float]:
-    found = []
+    numbers = []
     while reader.now.kind == "number" or reader.now.text == "-":
         sign = -1.0 if reader.skip("-") else 1.0
         if reader.now.kind == "number":
-            found.append(sign * float(reader.take().text))
-    return found
+            numbers.append(sign * float(reader.take().text))
+    return numbers
 
 
 def _submodel(reader: Reader, name: str) -> Submodel:
     """Parse the text after the name of a submodel."""
     reader.deeper()
-    found = Submodel(name, reader.now.line)
+    submodel = Submodel(name, reader.now.line)
     place = _numbers(reader)
-    found.x, found.y = (*place, 0.0, 0.0)[:2]
+    submodel.x, submodel.y = (*place, 0.0, 0.0)[:2]
     if reader.skip("specifications"):
-        _specifications(reader, found)
+        _specifications(reader, submodel)
     else:
-        _body(reader, found)
+        _body(reader, submodel)
     reader.depth -= 1
-    return found
+    return submodel
 
 
 def _specifications(reader: Reader, found: Submodel) -> None:
@@ -185,22 +185,22 @@ def _port(reader: Reader) -> Port:
 
 
 def _equations(reader: Reader) -> Equations:
-    found = Equations()
-    declared = {"constants": found.constants, "parameters": found.parameters, "variables": found.variables,
-                "externals": found.externals}
-    written = {"initialequations": found.initial, "equations": found.equations, "code": found.code,
-               "dynamic": found.equations, "finalequations": []}  # the last ones act after the run
+    equations = Equations()
+    declared = {"constants": equations.constants, "parameters": equations.parameters, "variables": equations.variables,
+                "externals": equations.externals}
+    written = {"initialequations": equations.initial, "equations": equations.equations, "code": equations.code,
+               "dynamic": equations.equations, "finalequations": []}  # the last ones act after the run
     while reader.now.kind != "end" and reader.now.word != "implementation_end":
         token = reader.take()
         if token.word in declared:
-            declared[token.word] += reader.declarations(found.problems)
+            declared[token.word] += reader.declarations(equations.problems)
         elif token.word in written:
             written[token.word] += reader.statements()
         elif token.text not in ("", ";") and token.kind != "string":
-            found.problems.append((token.line, f"'{token.text[:30]}' is not translated"))
+            equations.problems.append((token.line, f"'{token.text[:30]}' is not translated"))
             while reader.now.kind != "end" and reader.now.word not in (*declared, *written, "implementation_end"):
                 reader.take()
-    return found
+    return equations
 
 
 def _graph(reader: Reader, found: Submodel) -> None:
@@ -232,10 +232,10 @@ def _part(reader: Reader, found: Submodel) -> None:
 
 def _end(reader: Reader) -> str:
     r"""One end of a connection: names, in quotes if they contain spaces, with `\` between them."""
-    found = reader.take().text.strip("'")
-    while reader.now.text == "\\" or (reader.now.kind in ("name", "string") and found.endswith("\\")):
-        found += reader.take().text.strip("'")
-    return found
+    path = reader.take().text.strip("'")
+    while reader.now.text == "\\" or (reader.now.kind in ("name", "string") and path.endswith("\\")):
+        path += reader.take().text.strip("'")
+    return path
 
 
 def _connection(reader: Reader) -> Connection:

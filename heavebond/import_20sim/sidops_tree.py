@@ -25,8 +25,9 @@ class Expr:
     size: int = field(init=False, repr=False)  # number of nodes without sharing
 
     def __post_init__(self) -> None:
-        own = f"{self.op}\0{self.name}\0{self.value + 0.0!r}\0{self.columns}\0{len(self.args)}\0".encode("utf-8", "replace")
-        object.__setattr__(self, "key", blake2b(own + b"".join(e.key for e in self.args), digest_size=16).digest())
+        content = f"{self.op}\0{self.name}\0{self.value + 0.0!r}\0{self.columns}\0{len(self.args)}\0".encode("utf-8",
+                                                                                                             "replace")
+        object.__setattr__(self, "key", blake2b(content + b"".join(e.key for e in self.args), digest_size=16).digest())
         object.__setattr__(self, "size", 1 + sum(e.size for e in self.args))
 
     def __hash__(self) -> int:

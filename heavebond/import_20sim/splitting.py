@@ -42,7 +42,7 @@ def read_held(made: Component) -> None:
                           for left, value, said in made.equations]
         word = re.compile(rf"(?<![\w.]){re.escape(shown.name)}(?![\w.])")
         for event in made.events.values():
-            event.then = {own: renamed(value, shown.name, right) for own, value in event.then.items()}
+            event.then = {target: renamed(value, shown.name, right) for target, value in event.then.items()}
             event.when = {key: word.sub(right.name, text) for key, text in event.when.items()}
 
 
@@ -62,8 +62,8 @@ def _repeated(made: Component) -> Expr | None:
 
     for _, right, _ in made.equations:
         visit(right)
-    found = [e for e in dict.fromkeys(twice) if not former(e) and not triggers(e)]
-    return max(found, key=lambda e: e.size, default=None)
+    repeated = [e for e in dict.fromkeys(twice) if not former(e) and not triggers(e)]
+    return max(repeated, key=lambda e: e.size, default=None)
 
 
 def _holds(expr: Expr, part: Expr) -> bool:
@@ -78,9 +78,9 @@ def _exchanged(expr: Expr, old: Expr, new: Expr) -> Expr:
 
 def split_deep(made: Component) -> None:
     """Introduce variables for the inner parts of too large expressions of a component."""
-    given, made.equations = made.equations, []
+    former_equations, made.equations = made.equations, []
     whole = [(left, _shallow(made, left.name if left.op == "name" else "sum", right), comment)
-             for left, right, comment in given]
+             for left, right, comment in former_equations]
     made.equations += whole
     for event in made.events.values():
         event.then = {name: _shallow(made, name, value) for name, value in event.then.items()}

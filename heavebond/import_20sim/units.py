@@ -39,12 +39,12 @@ def unit_of(text: str) -> ReadUnit:
     if plain in ("", "1", "none", "-"):
         return ReadUnit()
     try:
-        found = read_unit(plain)
-        base = plain if found.scale == 1 and not found.offset else _base(plain, found.dimension)
+        unit_read = read_unit(plain)
+        base = plain if unit_read.scale == 1 and not unit_read.offset else _base(plain, unit_read.dimension)
         declared_unit(base)
     except (UnitProblem, ValueError, OverflowError):
         return ReadUnit(doc=f"[{text}]")
-    return ReadUnit("" if base == "1" else base, found.scale, found.offset)
+    return ReadUnit("" if base == "1" else base, unit_read.scale, unit_read.offset)
 
 
 def _base(plain: str, dimension: Dimension) -> str:
@@ -53,15 +53,16 @@ def _base(plain: str, dimension: Dimension) -> str:
         word = match.group()
         if word in TURNS:
             return f"({TURNS[word]})" if "/" in TURNS[word] else TURNS[word]
-        own = read_unit(word).dimension
-        return next((name for name in NAMED if read_unit(name).dimension == own), f"({dimension_text(own)})")
+        measured = read_unit(word).dimension
+        return next((name for name in NAMED if read_unit(name).dimension == measured),
+                    f"({dimension_text(measured)})")
 
     try:
-        found = re.sub(r"[A-Za-z]+", token, plain)
-        found = found[1:-1] if found.startswith("(") and found.endswith(")") and found.count("(") == 1 else found
-        read = read_unit(found)
+        base = re.sub(r"[A-Za-z]+", token, plain)
+        base = base[1:-1] if base.startswith("(") and base.endswith(")") and base.count("(") == 1 else base
+        read = read_unit(base)
         if read.scale == 1 and not read.offset and read.dimension == dimension:
-            return found
+            return base
     except (UnitProblem, ValueError, OverflowError):
         pass
     return dimension_text(dimension)

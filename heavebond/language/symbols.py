@@ -118,14 +118,14 @@ def indicator(expr: Expr, context: Context, still: Set[int] = frozenset()) -> ca
     `n >= 2` gives 1 or -1.
     """
     if isinstance(expr, Compare):
-        left_value, right = evaluate(expr.left, context), evaluate(expr.right, context)
-        if expr.op in OPPOSITE and {s.element_hash() for s in ca.symvar(left_value - right)} <= still:
-            return ca.if_else(operated(expr.op, left_value, right), ca.SX(1), ca.SX(-1))
+        left, right = evaluate(expr.left, context), evaluate(expr.right, context)
+        if expr.op in OPPOSITE and {s.element_hash() for s in ca.symvar(left - right)} <= still:
+            return ca.if_else(operated(expr.op, left, right), ca.SX(1), ca.SX(-1))
         if expr.op in ("<", "<="):
-            return right - left_value
+            return right - left
         if expr.op in (">", ">="):
-            return left_value - right
-        equal = ca.if_else(left_value == right, ca.SX(1), ca.SX(-1))
+            return left - right
+        equal = ca.if_else(left == right, ca.SX(1), ca.SX(-1))
         return equal if expr.op == "==" else -equal
     if isinstance(expr, Logic):
         both = indicator(expr.left, context, still), indicator(expr.right, context, still)
@@ -187,10 +187,10 @@ def operated(op: str, left: ca.SX, right: ca.SX) -> ca.SX:
 
 
 def _binary(expr: Binary, context: Context) -> ca.SX:
-    left_value, right = evaluate(expr.left, context), evaluate(expr.right, context)
-    if expr.op == "*" and not left_value.is_scalar() and not right.is_scalar():
-        return ca.mtimes(left_value, right)  # shapes have been checked: a matrix times a vector or a matrix
-    return operated(expr.op, left_value, right)
+    left, right = evaluate(expr.left, context), evaluate(expr.right, context)
+    if expr.op == "*" and not left.is_scalar() and not right.is_scalar():
+        return ca.mtimes(left, right)  # shapes have been checked: a matrix times a vector or a matrix
+    return operated(expr.op, left, right)
 
 
 def _call(expr: Call, context: Context) -> ca.SX:

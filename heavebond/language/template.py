@@ -210,12 +210,12 @@ class _Builder:
             for index in self._indices(equation.each, equation.place):
                 self.context = self._context(index)
                 shape = self._shape_of(equation)
-                left_value = self._evaluated(equation.tree.left, equation.place)
+                left = self._evaluated(equation.tree.left, equation.place)
                 right = self._evaluated(equation.tree.right, equation.place)
                 kink = nonsmooth(equation.tree.left, constant) or nonsmooth(equation.tree.right, constant)
                 lines += [Line(equation.label + suffix, equation.text.strip(), equation.place, kink)
                           for suffix in _elements(shape)]
-                residuals.append(ca.vec(operated("-", left_value, right).T))  # row by row; a plain 0 is a list of zeros
+                residuals.append(ca.vec(operated("-", left, right).T))  # row by row; a plain 0 is a list of zeros
         self.context = self._context({})
         return lines, residuals
 

@@ -279,8 +279,8 @@ def _shares_flow(domain: Domain) -> bool:
 def _right_side(component: Component, port: str, through: str) -> str:
     """The expression to which a port's through variable is set, without blanks; empty if no equation does so directly."""
     for line in component.equations:
-        left_side, sign, right = line.text.partition("=")
-        if sign and left_side.strip() == f"{port}.{through}":
+        left, sign, right = line.text.partition("=")
+        if sign and left.strip() == f"{port}.{through}":
             return "".join(right.split("#")[0].split())
     return ""
 

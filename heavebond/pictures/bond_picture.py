@@ -46,18 +46,18 @@ def _page(model: Model, graph: BondGraph, lines: list[str], box: Box) -> str:
     """The picture with its title above and notes below."""
     width = max(box.right - box.left, LEAST)
     written = [line for note in told(graph) for line in wrapped(note, SUMMARY, width)]
-    left_edge, top = round(box.left - EDGE), round(box.top - EDGE - 44)
+    left, top = round(box.left - EDGE), round(box.top - EDGE - 44)
     whole_x = round(width + 2 * EDGE)
     whole_y = round(box.bottom + EDGE + 40 + 15 * len(written)) - top
     y = box.bottom + 36
     return "\n".join([
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{whole_x}" height="{whole_y}" '
-        f'viewBox="{left_edge} {top} {whole_x} {whole_y}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
+        f'viewBox="{left} {top} {whole_x} {whole_y}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
         f"<title>{xml(model.name)}, bond graph</title>",
-        f'<rect x="{left_edge}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
-        _text(left_edge + EDGE, top + EDGE + 4, f"{model.name}: bond graph", TITLE.size, "#000000", True, "start"), *lines,
-        *_legend(graph, left_edge + EDGE, y),
-        *(_text(left_edge + EDGE, y + 18 + 15 * k, line.text, SUMMARY.size, QUIET, False, "start")
+        f'<rect x="{left}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
+        _text(left + EDGE, top + EDGE + 4, f"{model.name}: bond graph", TITLE.size, "#000000", True, "start"), *lines,
+        *_legend(graph, left + EDGE, y),
+        *(_text(left + EDGE, y + 18 + 15 * k, line.text, SUMMARY.size, QUIET, False, "start")
           for k, line in enumerate(written)), "</svg>"]) + "\n"
 
 

@@ -121,12 +121,12 @@ def symbol_picture(component: Component) -> str:
                   if anchor.port in ports and anchor.port not in {mark.text for mark in shape.marks}]
     main = shape.domain or next((d for d in ports.values() if d != "signal"), "signal")
     extent = bounds([Box(shape.left, shape.top, shape.right, shape.bottom), *(label.box for label in labels)])
-    left_edge, top = round(extent.left) - 4, round(extent.top) - 4
-    width, height = round(extent.right) + 4 - left_edge, round(extent.bottom) + 4 - top
+    left, top = round(extent.left) - 4, round(extent.top) - 4
+    width, height = round(extent.right) + 4 - left, round(extent.bottom) + 4 - top
     lines = [f'<svg xmlns="http://www.w3.org/2000/svg" width="{round(1.5 * width)}" height="{round(1.5 * height)}" '
-             f'viewBox="{left_edge} {top} {width} {height}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
+             f'viewBox="{left} {top} {width} {height}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
              f"<title>{xml(component.name)}</title>",
-             f'<rect x="{left_edge}" y="{top}" width="{width}" height="{height}" fill="#ffffff"/>',
+             f'<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="#ffffff"/>',
              *_picture(shape, domain_colour(main), main, marked=False)]
     for anchor in shape.anchors:
         if anchor.port in ports:
@@ -163,13 +163,13 @@ def _page(model: Model, drawn: Drawn, look: Look) -> str:
     words = heading.box.moved(0, extent.top - shift)
     words = replace(words, right=words.left + WIDER * (words.right - words.left))
     box = bounds([extent, words, legend[1]])
-    left_edge, top = round(box.left - EDGE), round(box.top - EDGE)
-    whole_x, whole_y = round(box.right + EDGE) - left_edge, round(box.bottom + EDGE) - top
+    left, top = round(box.left - EDGE), round(box.top - EDGE)
+    whole_x, whole_y = round(box.right + EDGE) - left, round(box.bottom + EDGE) - top
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{whole_x}" height="{whole_y}" '
-        f'viewBox="{left_edge} {top} {whole_x} {whole_y}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
+        f'viewBox="{left} {top} {whole_x} {whole_y}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
         f"<title>{xml(model.name)}</title>",
-        f'<rect x="{left_edge}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
+        f'<rect x="{left}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
         *_lettered(heading.moved(0, extent.top - shift), "#000000", "heading"),
         *(_frame(drawn) if drawn.sheet.ports else ()),
         *_sheet(drawn, look), *(_own_ports(drawn) if drawn.sheet.ports else ()), *legend[0], "</svg>"]

@@ -30,19 +30,19 @@ COLOURS = {
 def save_film(motion: Motion, path: Path, speed: float) -> None:
     """Write .gif or .mp4 with the playback speed `speed`; UsageError without ffmpeg for .mp4."""
     writer = _writer(path)
-    left_edge, bottom, right, top = motion.edges
-    inch = min(HEIGHT / (top - bottom), BREADTH / (right - left_edge))
-    figure = Figure(figsize=(inch * (right - left_edge), inch * (top - bottom)), dpi=DPI)
+    left, bottom, right, top = motion.edges
+    inch = min(HEIGHT / (top - bottom), BREADTH / (right - left))
+    figure = Figure(figsize=(inch * (right - left), inch * (top - bottom)), dpi=DPI)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set_xlim(left_edge, right)
+    axes.set_xlim(left, right)
     axes.set_ylim(bottom, top)
     axes.set_axis_off()
     patches = [(moving, outline, _polygon(moving, outline)) for moving in motion.shapes for outline in moving.outlines]
     for _, _, patch in patches:
         axes.add_patch(patch)
-    letter = max((top - bottom) / LETTERS[0], (right - left_edge) / LETTERS[1])
+    letter = max((top - bottom) / LETTERS[0], (right - left) / LETTERS[1])
     size = 72 * inch * letter
-    clock = axes.text(left_edge + letter / 2, top - letter / 2, "", va="top", fontsize=size)
+    clock = axes.text(left + letter / 2, top - letter / 2, "", va="top", fontsize=size)
     labels = [(moving, axes.text(0, 0, moving.label, va="center", fontsize=size)) for moving in motion.shapes
               if moving.label]
     length = float(motion.time[-1] - motion.time[0]) / speed

@@ -173,8 +173,8 @@ def _framed(drawn: Drawn) -> Shape:
     x = _on_grid((frame.left + frame.right) / 2)
     y = next((a.y for a in drawn.anchors if a.side in ("left", "right")), _on_grid((frame.top + frame.bottom) / 2))
     anchors = tuple(replace(a, x=a.x - x, y=a.y - y) for a in drawn.anchors)
-    left_edge, top, right, bottom = (round(v) for v in (frame.left - x, frame.top - y, frame.right - x, frame.bottom - y))
-    return Shape(left_edge, top, right, bottom, anchors)
+    left, top, right, bottom = (round(v) for v in (frame.left - x, frame.top - y, frame.right - x, frame.bottom - y))
+    return Shape(left, top, right, bottom, anchors)
 
 
 def _on_grid(value: float) -> int:

@@ -213,11 +213,11 @@ def _motion(result: Result, time: Array, courses: Mapping[str, Array], chosen: l
     n = len(time)
     placed = {name: _placed(shape, courses, n) for name, shape in model.view.items()}
     edges = _edges([(model.view[name].kind, course) for name, course in placed.items()])
-    left_edge, bottom, right, top = edges
+    left, bottom, right, top = edges
     for name, course in placed.items():
         kind = model.view[name].kind
         if kind in WIDE:
-            course[0], course[2] = left_edge, right
+            course[0], course[2] = left, right
             course[4] = course[1] - bottom
         elif kind == "ground":
             course[4] = BAND * (top - bottom)
@@ -262,8 +262,8 @@ def _edges(placed: list[tuple[str, Array]]) -> tuple[float, float, float, float]
     x = [(float(np.min(c[[0, 2]])) - h, float(np.max(c[[0, 2]])) + h) for c, h in zip(series_in_picture, half, strict=True)]
     y = [(float(np.min(c[[1, 3]])) - h, float(np.max(c[[1, 3]])) + h) for c, h in zip(series_in_picture, half, strict=True)]
     y += [(float(np.min(c[1])), float(np.max(c[1]))) for kind, c in placed if kind in WIDE]
-    left_edge, right = min(a for a, _ in x), max(b for _, b in x)
+    left, right = min(a for a, _ in x), max(b for _, b in x)
     bottom, top = min(a for a, _ in y), max(b for _, b in y)
-    edge = EDGE * max(right - left_edge, top - bottom)
-    beside = max(0.0, ASPECT * (top - bottom + 2 * edge) - (right - left_edge)) / 2
-    return left_edge - max(edge, beside), bottom - edge, right + max(edge, beside), top + edge
+    edge = EDGE * max(right - left, top - bottom)
+    beside = max(0.0, ASPECT * (top - bottom + 2 * edge) - (right - left)) / 2
+    return left - max(edge, beside), bottom - edge, right + max(edge, beside), top + edge

@@ -132,24 +132,24 @@ def _read(path: Path, stamp: int) -> Shape:
             raise _wrong("symbol-bad", "a symbol has no document type and no entities", place, "Remove what begins `<!`.")
         root = ElementTree.fromstring(text)
         box = [int(number) for number in root.get("viewBox", "").split()]
-        left_edge, top, width, height = box
+        left, top, width, height = box
     except (ElementTree.ParseError, ValueError, OSError) as error:
         raise _wrong("symbol-bad", f"this is not a symbol: {error}", place, "It is an SVG file whose viewBox has four whole "
                      "numbers.") from None
     turns = TURNS.get(root.get("data-turn", "none"))
     if turns is None:
         raise _wrong("symbol-bad", f"data-turn is none of {listing(TURNS)}", place, "Correct it.")
-    right, bottom = left_edge + width, top + height
+    right, bottom = left + width, top + height
     anchors, marks = [], []
     for element in root.iter():
         if element is root:
             continue
         mark = _mark(element, place)
         if element.get("data-port"):
-            anchors.append(_anchor(element, (left_edge, top, right, bottom), place))
+            anchors.append(_anchor(element, (left, top, right, bottom), place))
         elif mark.tag != "title":
             marks.append(mark)
-    return Shape(left_edge, top, right, bottom, tuple(anchors), tuple(marks), root.get("data-domain", ""), turns)
+    return Shape(left, top, right, bottom, tuple(anchors), tuple(marks), root.get("data-domain", ""), turns)
 
 
 def _mark(element: ElementTree.Element, place: Place) -> Mark:
@@ -165,12 +165,12 @@ def _mark(element: ElementTree.Element, place: Place) -> Mark:
 
 def _anchor(element: ElementTree.Element, box: tuple[int, int, int, int], place: Place) -> Anchor:
     port = element.get("data-port", "")
-    left_edge, top, right, bottom = box
+    left, top, right, bottom = box
     try:
         x, y = int(element.get("cx", "")), int(element.get("cy", ""))
     except ValueError:
         x, y = 1, 1
-    edges = {"left": x == left_edge, "right": x == right, "top": y == top, "bottom": y == bottom}
+    edges = {"left": x == left, "right": x == right, "top": y == top, "bottom": y == bottom}
     side = next((name for name, on_edge in edges.items() if on_edge), "")
     if not side or x % GRID or y % GRID:
         raise _wrong("symbol-bad", f"the place of port '{port}' is not on the edge of the viewBox, on a multiple of {GRID}",

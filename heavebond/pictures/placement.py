@@ -262,19 +262,19 @@ class _Search:
     def _choices(self, name: str) -> Iterable[Cell]:
         side = self.pieces[name].side
         inner = [c for n, c in self.cells.items() if n != name and not self.pieces[n].side] or [(0, 0)]
-        leftmost, right = min(c for c, _ in inner), max(c for c, _ in inner)
+        left, right = min(c for c, _ in inner), max(c for c, _ in inner)
         top, bottom = min(r for _, r in inner), max(r for _, r in inner)
         if side in ("left", "right"):
-            column = leftmost - 2 if side == "left" else right + 2
+            column = left - 2 if side == "left" else right + 2
             return [(column, r) for r in range(top - 1, bottom + 2)]
         if side:
             row = top - 2 if side == "top" else bottom + 2
-            return [(c, row) for c in range(leftmost - 1, right + 2)]
+            return [(c, row) for c in range(left - 1, right + 2)]
         near = [self.cells[n] for k in self.of[name] for n, _ in self.nets[k] if n in self.cells]
         if len(self.pieces) > MOST_MOVED and near:
             around = dict.fromkeys((c + i, r + j) for c, r in near[:NEIGHBOURS] for j in range(-2, 3) for i in range(-2, 3))
             return [cell for cell in around if cell not in self.taken] or [(right + 1, top)]
-        return [(c, r) for r in range(top - 1, bottom + 2) for c in range(leftmost - 1, right + 2)]
+        return [(c, r) for r in range(top - 1, bottom + 2) for c in range(left - 1, right + 2)]
 
     # -- cost ------------------------------------------------------------------------------------------------------
     def _cost_around(self, names: list[str], most: float = math.inf) -> float:

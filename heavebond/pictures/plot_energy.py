@@ -50,13 +50,13 @@ def plot_energy_flow(flow: EnergyFlow, *, title: str = "") -> Figure:
     for link in sorted(flow.links, key=lambda link: (link.back, -tops[link.target], -tops[link.source])):
         start, end = outer[link.source], inner[link.target]
         outer[link.source], inner[link.target] = start - link.energy, end - link.energy
-        left_edge, right = flow.boxes[link.source].column + THICK, float(flow.boxes[link.target].column)
+        left, right = flow.boxes[link.source].column + THICK, float(flow.boxes[link.target].column)
         if link.back:
             low -= 0.06 * (high - low)
-            _ribbon_back(axes, left_edge, right, start, end, low, link)
+            _ribbon_back(axes, left, right, start, end, low, link)
             low -= link.energy
         else:
-            _ribbon(axes, left_edge, right, start, end, link)
+            _ribbon(axes, left, right, start, end, link)
     for name, box in flow.boxes.items():
         _box(axes, box, tops[name], sizes[name])
     axes.set_xlim(-0.1 if not any(link.back for link in flow.links) else -BULGE, columns - 1 + THICK + 0.7)
