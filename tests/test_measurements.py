@@ -315,7 +315,7 @@ def test_mat_vectors_of_other_lengths_have_their_own_time(tmp_path: Path) -> Non
     path = mat(tmp_path / "train.mat", {"t": np.arange(8.0), "z": np.arange(8.0), "t_2": np.arange(3.0), "w": np.ones(3)})
     assert read_table(path).columns.keys() == {"t", "z"}
     assert read_table(path, beside="t_2").columns.keys() == {"t_2", "w"}
-    with pytest.raises(DataError, match=r"'w' of 'train.mat' has 3 values, 't' has 8(.|\n)*Name its own time"):
+    with pytest.raises(DataError, match=r"'w' of 'train.mat' has 3 values, 't' has 8(.|\n)*Give its time column"):
         column(read_table(path, beside="t"), "w")
 
 

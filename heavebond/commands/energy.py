@@ -92,7 +92,7 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
     return {**figures, "files": [str(path) for path in files]}
 
 
-def _pictures(found: EnergyAudit, name: str, sankey: Path | None, activity: Path | None) -> list[Path]:
+def _pictures(energy_audit: EnergyAudit, name: str, sankey: Path | None, activity: Path | None) -> list[Path]:
     """Write the requested pictures."""
     if sankey is None and activity is None:
         return []
@@ -100,9 +100,9 @@ def _pictures(found: EnergyAudit, name: str, sankey: Path | None, activity: Path
     from heavebond.pictures.plot import save
     from heavebond.pictures.plot_energy import plot_activity, plot_energy_flow
 
-    title = f"{name}: energy over {found.result.time[-1]:.6g} s"
-    files = [] if sankey is None else [save(plot_energy_flow(energy_flow(found), title=title), sankey)]
-    return files if activity is None else [*files, save(plot_activity(found, title=f"{name}: activity"), activity)]
+    title = f"{name}: energy over {energy_audit.result.time[-1]:.6g} s"
+    files = [] if sankey is None else [save(plot_energy_flow(energy_flow(energy_audit), title=title), sankey)]
+    return files if activity is None else [*files, save(plot_activity(energy_audit, title=f"{name}: activity"), activity)]
 
 
 def _print_reduced(reduced: Simplified) -> None:

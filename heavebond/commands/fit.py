@@ -90,11 +90,11 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     return figures
 
 
-def _check_free(given: Experiment, names: Sequence[str]) -> None:
+def _check_free(experiment: Experiment, names: Sequence[str]) -> None:
     """Raise UsageError for a name that is not free, before the fit."""
     from heavebond.core.errors import Problem, UsageError, listing, suggest
 
     for name in names:
-        if name not in given.free:
+        if name not in experiment.free:
             raise UsageError([Problem("free-unknown", f"--profile {name}: this parameter is not free", None,
-                                      suggest(name, given.free) or f"Free are {listing(given.free, 40)}.")])
+                                      suggest(name, experiment.free) or f"Free are {listing(experiment.free, 40)}.")])

@@ -138,28 +138,29 @@ def _asked(inputs: list[str], outputs: list[str], loop: str | None, over: str | 
 
 
 # -- channels ----------------------------------------------------------------------------------------------------------
-def _span(channels: Sequence[StateSpace], asked: str | None) -> Array:
+def _span(channels: Sequence[StateSpace], span_text: str | None) -> Array:
     """The frequencies in Hz of a picture: the requested ones, or those of all channels."""
     import numpy as np
 
     from heavebond.core.units import UnitProblem, parse_range
 
-    if asked is None:
+    if span_text is None:
         every = [channel.frequencies() for channel in channels]
         return np.unique(np.concatenate(every))
     try:
-        frequency_range = parse_range(asked)
+        frequency_range = parse_range(span_text)
     except UnitProblem as problem:
         raise UsageError([Problem(problem.code, f"--frequencies: {problem.message}", None, problem.hint)]) from None
     if (frequency_range.unit.text != "Hz"
         and frequency_range.unit.counts != "cycles") or not 0 < frequency_range.low < frequency_range.high:
-        raise UsageError([Problem("frequencies", f"--frequencies {asked}: these are not two frequencies in Hz above 0", None,
+        raise UsageError([Problem("frequencies", f"--frequencies {span_text}: these are not two frequencies in Hz above 0",
+                                  None,
                                   "Write for example --frequencies '0.01 .. 10 Hz'.")])
     from heavebond.linear.linear_system import spread
 
     high = min(frequency_range.high, channels[0].highest)
     if not frequency_range.low < high:
-        raise UsageError([Problem("frequencies", f"--frequencies {asked}: the response of a sampled system ends at its "
+        raise UsageError([Problem("frequencies", f"--frequencies {span_text}: the response of a sampled system ends at its "
                                   f"Nyquist frequency, {high:g} Hz", None, "Give lower frequencies.")])
     ends = 2 * np.pi * np.array([10 * frequency_range.low, high / 10])
     return spread(-ends.astype(complex), channels[0].rates)
@@ -206,15 +207,15 @@ def _zeros(channel: StateSpace) -> list[list[float]] | None:
 
 
 # -- a loop ------------------------------------------------------------------------------------------------------------
-def _cut(system: StateSpace, asked: str | None) -> tuple[list[StateSpace], Array, Crossings]:
+def _cut(system: StateSpace, span_text: str | None) -> tuple[list[StateSpace], Array, Crossings]:
     from heavebond.linear.margins import crossings, loop_frequencies, open_loop
 
     cut = open_loop(system)
     cut_crossings = crossings(cut, system.stability())
-    return [cut], loop_frequencies(cut, cut_crossings) if asked is None else _span([cut], asked), cut_crossings
+    return [cut], loop_frequencies(cut, cut_crossings) if span_text is None else _span([cut], span_text), cut_crossings
 
 
-def _print_crossings(found: Crossings) -> None:
+def _print_crossings(crossings: Crossings) -> None:
     from heavebond.commands import terminal
     from heavebond.core.presentation import number, readable_time
 
@@ -224,30 +225,31 @@ def _print_crossings(found: Crossings) -> None:
         at = "above all frequencies" if margin.frequency == float("inf") else f"{number(margin.frequency, 4)} Hz"
         return name, words, at
 
-    up, down, phase, delay = found.gain_up, found.gain_down, found.least_phase, found.least_delay
+    up, down, phase, delay = crossings.gain_up, crossings.gain_down, crossings.least_phase, crossings.least_delay
     console = terminal.output()
-    if found.unstable:
-        console.print(f"The closed loop is unstable and has no margins: {'; '.join(found.reasons)}. "
+    if crossings.unstable:
+        console.print(f"The closed loop is unstable and has no margins: {'; '.join(crossings.reasons)}. "
                       "Crossings of -1 by the open loop:", style="yellow", soft_wrap=True)
-    console.print(terminal.table("", ("crossing" if found.unstable else "margin", "", "at"), [
+    console.print(terminal.table("", ("crossing" if crossings.unstable else "margin", "", "at"), [
         row("gain, upwards", up, f"times {number(up.value, 4)}" if up else ""),
         row("gain, downwards", down, f"times {number(down.value, 4)}" if down else "", "to zero"),
         row("phase", phase, f"{number(phase.value, 4)} deg" if phase else ""),
         row("delay", delay, readable_time(delay.value)[0] if delay else ""),
-        row("modulus (1/Ms)", found.modulus, number(found.modulus.value, 4))], text=1))
+        row("modulus (1/Ms)", crossings.modulus, number(crossings.modulus.value, 4))], text=1))
 
 
-def _crossings_told(found: Crossings) -> dict[str, object]:
+def _crossings_told(crossings: Crossings) -> dict[str, object]:
     """The margins for JSON; for an unstable loop its `crossings` instead of `margins`."""
     def one(margin: Margin | None) -> dict[str, float | None] | None:
         at = None if margin is None or margin.frequency == float("inf") else margin.frequency
         return None if margin is None else {"value": margin.value, "frequency": at}
 
-    every = {"gain": [one(m) for m in found.gain], "phase_deg": [one(m) for m in found.phase],
-             "delay_s": [one(m) for m in found.delay], "modulus": one(found.modulus), "gain_up": one(found.gain_up),
-             "gain_down": one(found.gain_down), "least_phase_deg": one(found.least_phase),
-             "least_delay_s": one(found.least_delay)}
-    return {"margins": None, "crossings": every} if found.unstable else {"margins": every}
+    every = {"gain": [one(m) for m in crossings.gain], "phase_deg": [one(m) for m in crossings.phase],
+             "delay_s": [one(m) for m in crossings.delay], "modulus": one(crossings.modulus),
+             "gain_up": one(crossings.gain_up),
+             "gain_down": one(crossings.gain_down), "least_phase_deg": one(crossings.least_phase),
+             "least_delay_s": one(crossings.least_delay)}
+    return {"margins": None, "crossings": every} if crossings.unstable else {"margins": every}
 
 
 # -- a varied parameter ------------------------------------------------------------------------------------------------
@@ -292,7 +294,7 @@ def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> 
 
 
 # -- files -------------------------------------------------------------------------------------------------------------
-def _draw(name: str, words: str, channels: Sequence[StateSpace], span: Array, found: Crossings | None, picture: str,
+def _draw(name: str, words: str, channels: Sequence[StateSpace], span: Array, crossings: Crossings | None, picture: str,
           until: str | None, output: Path | None) -> list[Path]:
     if output is None:
         return []
@@ -300,11 +302,11 @@ def _draw(name: str, words: str, channels: Sequence[StateSpace], span: Array, fo
     from heavebond.pictures import plot_linear
     from heavebond.pictures.plot import save
 
-    title = f"{name} {words}" + (f", open loop at {channels[0].outputs[0]}" if found else "")
+    title = f"{name} {words}" + (f", open loop at {channels[0].outputs[0]}" if crossings else "")
     if picture == "bode":
-        figure: Figure = plot_linear.plot_bode(channels, span, title=title, margins=found)
+        figure: Figure = plot_linear.plot_bode(channels, span, title=title, margins=crossings)
     elif picture == "nyquist":
-        figure = plot_linear.plot_nyquist(channels, span, title=title, margins=found)
+        figure = plot_linear.plot_nyquist(channels, span, title=title, margins=crossings)
     elif picture == "poles":
         zeros = {plot_linear.channel_name(c): c.zeros() for c in channels}
         figure = plot_linear.plot_poles(channels[0].poles, zeros, title=with_held(title, channels[0].held),

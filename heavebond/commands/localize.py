@@ -47,13 +47,14 @@ def localize(experiment: str, fitted: bool, output: Path | None) -> dict[str, ob
     return {"experiment": localization.experiment.name, **localization.as_dict(), "files": list(map(str, files))}
 
 
-def _drawn(found: Localization, output: Path) -> list[Path]:
+def _drawn(localization: Localization, output: Path) -> list[Path]:
     from heavebond.localise.misfit import best_of_each_group
     from heavebond.pictures.plot import save
     from heavebond.pictures.plot_where import plot_misfit, plot_place
 
-    files = [save(plot_place(found, s.place.name), _numbered(output, k)) for k, s in enumerate(best_of_each_group(found), 1)]
-    return [*files, save(plot_misfit(found), output.with_stem(output.stem + "_misfit"))]
+    files = [save(plot_place(localization, s.place.name), _numbered(output, k)) for k,
+             s in enumerate(best_of_each_group(localization), 1)]
+    return [*files, save(plot_misfit(localization), output.with_stem(output.stem + "_misfit"))]
 
 
 def _numbered(output: Path, number: int) -> Path:

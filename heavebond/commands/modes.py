@@ -119,15 +119,15 @@ def _growth(growing: int, at: str) -> list[str]:
             f"1 mode grows {at}: it is not stable there"] if growing else []
 
 
-def _not_computed(found: SlowModes) -> list[str]:
+def _not_computed(slow: SlowModes) -> list[str]:
     """State which modes were computed, and the limits of this result."""
     from heavebond.core.presentation import number
 
-    low, high = (number(rate, 3) for rate in found.searched)
-    result = f", and {len(found.growing)} found" if found.growing else ", and none was found"
-    return [f"Computed: the {found.computed} slowest eigenvalues of {found.states} (one line for each pair of complex "
+    low, high = (number(rate, 3) for rate in slow.searched)
+    result = f", and {len(slow.growing)} found" if slow.growing else ", and none was found"
+    return [f"Computed: the {slow.computed} slowest eigenvalues of {slow.states} (one line for each pair of complex "
             f"eigenvalues), "
-            f"those with |s| up to {number(found.reach, 4)} 1/s. Of hundreds of nearly equal eigenvalues, for example of "
+            f"those with |s| up to {number(slow.reach, 4)} 1/s. Of hundreds of nearly equal eigenvalues, for example of "
             f"equal pieces with equal damping, only some are listed.",
             f"Growing modes beyond these were looked for at rates from {low} to {high} 1/s{result}. This does not exclude "
             f"others: the search can miss a mode that grows slowly compared with its frequency among many undamped modes."]

@@ -114,18 +114,20 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
     return run_figures
 
 
-def _tell(found: Verification, told: dict[str, object]) -> None:
+def _tell(verification: Verification, figures: dict[str, object]) -> None:
     """Print how far each output moves and add it to the figures; SimulationError if one moves too far."""
     from heavebond.commands import terminal
     from heavebond.optimise.verification import raise_if_moved
 
     terminal.output().print(terminal.table(
         "change, as a share of the range", ("output", "tolerances / 100", "and widths / 10"),
-        [(m.name, f"{m.by_tolerances:.1e}", f"{m.by_widths:.1e}" if found.widths else "-") for m in found.outputs], text=1))
-    shares = {m.name: {"by_tolerances": m.by_tolerances, "by_widths": m.by_widths} for m in found.outputs}
-    told["verify"] = {"allowed": found.allowed, "widths": list(found.widths), "moved": [m.name for m in found.moved],
-                      "outputs": shares}
-    raise_if_moved(found, told)
+        [(m.name, f"{m.by_tolerances:.1e}", f"{m.by_widths:.1e}" if verification.widths else "-")
+         for m in verification.outputs], text=1))
+    shares = {m.name: {"by_tolerances": m.by_tolerances, "by_widths": m.by_widths} for m in verification.outputs}
+    figures["verify"] = {"allowed": verification.allowed, "widths": list(verification.widths),
+                         "moved": [m.name for m in verification.moved],
+                         "outputs": shares}
+    raise_if_moved(verification, figures)
 
 
 def _figures(result: Result, names: Sequence[str]) -> dict[str, dict[str, float | str]]:

@@ -90,11 +90,11 @@ def _table(ranking: Ranking, rows: int) -> object:
         for i in ranking.influences[:rows]])
 
 
-def _figures(found: Rankings) -> dict[str, object]:
+def _figures(rankings: Rankings) -> dict[str, object]:
     def one(influence: Influence) -> dict[str, object]:
         return {"parameter": influence.parameter, "value": influence.value, "unit": influence.unit.text,
                 "influence": influence.relative, "peak": influence.peak, "time": influence.time}
 
     return {"signals": {r.signal: {"unit": r.unit, "rms": r.size, "still": r.still,
-                                   "influences": [one(i) for i in r.influences]} for r in found.rankings},
-            "left_out": list(found.left_out), "filled": found.filled or None}
+                                   "influences": [one(i) for i in r.influences]} for r in rankings.rankings},
+            "left_out": list(rankings.left_out), "filled": rankings.filled or None}

@@ -33,7 +33,7 @@ def study(file: str, output: Path | None, processes: int | None, fresh: bool, sc
     return work_out(loaded, output or Path(loaded.path.stem), processes, fresh, scheduler)
 
 
-def work_out(asked: Study, folder: Path, processes: int | None, fresh: bool, scheduler: str | None) -> dict[str, object]:
+def work_out(study: Study, folder: Path, processes: int | None, fresh: bool, scheduler: str | None) -> dict[str, object]:
     """Run a study, print its results and write its files; return the figures for JSON."""
     from heavebond.commands import terminal
     from heavebond.core.cluster import connected
@@ -42,7 +42,7 @@ def work_out(asked: Study, folder: Path, processes: int | None, fresh: bool, sch
     from heavebond.studies.tables import as_dict
 
     with connected(scheduler) as cluster, terminal.working("study") as progress:
-        result = run_study(asked, folder=folder, processes=processes, executor=cluster, fresh=fresh, progress=progress)
+        result = run_study(study, folder=folder, processes=processes, executor=cluster, fresh=fresh, progress=progress)
     terminal.show(study_items(result))
     files = write_study(result, folder)
     console = terminal.output()

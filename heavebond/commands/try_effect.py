@@ -57,10 +57,10 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     return {"experiment": loaded.name, **result.as_dict(), "files": list(map(str, files))}
 
 
-def _targets(given: Experiment, written: Path | None) -> Targets | None:
+def _targets(experiment: Experiment, written: Path | None) -> Targets | None:
     """Files that --write names: a file if it ends in .yaml, else a folder; None without it."""
     from heavebond.diagnosis.answer.files import Targets
 
     if written is None:
         return None
-    return Targets.named(given, written) if written.suffix in (".yaml", ".yml") else Targets.beside(given, written)
+    return Targets.named(experiment, written) if written.suffix in (".yaml", ".yml") else Targets.beside(experiment, written)

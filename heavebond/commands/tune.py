@@ -99,7 +99,7 @@ def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str,
     return figures
 
 
-def _files(asked: TuningRequest, result: Tuned, robust: Robustness | None, swept: tuple[list[Array], Array] | None,
+def _files(request: TuningRequest, result: Tuned, robust: Robustness | None, swept: tuple[list[Array], Array] | None,
            output: Path | None, written: Path | None, settings: Mapping[str, str]) -> list[Path]:
     from heavebond.commands import terminal
 
@@ -112,7 +112,7 @@ def _files(asked: TuningRequest, result: Tuned, robust: Robustness | None, swept
         from heavebond.language.edits import write
         from heavebond.optimise.tuning import tuned_diagram
 
-        write(written, tuned_diagram(asked.model, result.task, result, written, settings))
+        write(written, tuned_diagram(request.model, result.task, result, written, settings))
         files.append(written)
     for path in files:
         terminal.output().print(f"wrote {path}", soft_wrap=True)

@@ -108,7 +108,7 @@ class Processes(Workers):
             results._writer.close()  # type: ignore[attr-defined]  # no public way to close a pool's pipe
 
 
-def _begun(parent: int, stop: Event, begin: Callable[..., None] | None, given: tuple[Any, ...]) -> None:
+def _begun(parent: int, stop: Event, begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
     global _stop
     _stop = stop
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the collecting process
@@ -118,7 +118,7 @@ def _begun(parent: int, stop: Event, begin: Callable[..., None] | None, given: t
     single()
     warnings.simplefilter("ignore", FutureWarning)  # the parent process has read the same files
     if begin is not None:
-        begin(*given)
+        begin(*arguments)
 
 
 def _end_later(number: int, _: FrameType | None) -> None:

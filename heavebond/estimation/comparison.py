@@ -503,12 +503,12 @@ def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) 
             problems.extend(error)
 
 
-def _channel(name: str, found: Samples, simulated: Array, counts: Mask, astray: Mask, late: TimeDelay | None) -> Channel:
-    measured, model, noise = found.measured[counts], simulated[counts], found.noise
-    weight = noise / found.deviation[counts]
+def _channel(name: str, samples: Samples, simulated: Array, counts: Mask, astray: Mask, late: TimeDelay | None) -> Channel:
+    measured, model, noise = samples.measured[counts], simulated[counts], samples.noise
+    weight = noise / samples.deviation[counts]
     return Channel(
-        name, found.output.shown.unit, found.time, found.measured, simulated, noise, found.noise_given,
+        name, samples.output.shown.unit, samples.time, samples.measured, simulated, noise, samples.noise_given,
         metrics.rms_error(measured, model), metrics.normalised_rms(measured, model),
         metrics.relative_rms(measured, model), metrics.fit_percent(measured, model), metrics.bias(measured, model),
         metrics.chi2_per_sample(weight * measured, weight * model, noise), metrics.whiteness(measured - model), counts,
-        found.outlier, astray, found.step, late, found.estimate is None or found.estimate.separable)
+        samples.outlier, astray, samples.step, late, samples.estimate is None or samples.estimate.separable)

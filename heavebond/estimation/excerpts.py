@@ -81,9 +81,9 @@ def as_long_as(other: Experiment, experiment: Experiment) -> Experiment:
     return replace(experiment, records=records)
 
 
-def cut(part: Experiment, given: Experiment) -> str:
+def cut(part: Experiment, experiment: Experiment) -> str:
     """Records of an excerpt that are shortened, with their ends: `train up to 16.38 s`; empty without any."""
-    ends = {name: r.end for name, r in part.records.items() if r.end != given.records[name].end}
+    ends = {name: r.end for name, r in part.records.items() if r.end != experiment.records[name].end}
     return ", ".join(f"{name} up to {number(end, 5)} s" for name, end in ends.items() if end is not None)
 
 

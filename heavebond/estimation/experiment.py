@@ -309,8 +309,8 @@ class _Reader:
         _check_apart(list(experiment.records.values()), problems)
         return experiment
 
-    def _entries(self, node: Node | None, what: str) -> list[tuple[str, Scalar, Node]]:
-        entries = reading.mapping(node, what, self.problems)
+    def _entries(self, node: Node | None, subject: str) -> list[tuple[str, Scalar, Node]]:
+        entries = reading.mapping(node, subject, self.problems)
         return [(name, entries.keys[name], item) for name, item in entries.items.items()] if entries else []
 
     def _records(self, node: Node | None, before: Dictionary[str, Record]) -> dict[str, Record]:
@@ -344,8 +344,8 @@ class _Reader:
             read_conditions(entry.items.get("initial"), problems), self._inputs(entry.items.get("inputs")),
             self._origins(entry.items.get("outputs")))
 
-    def _time(self, node: Node | None, what: str) -> float | None:
-        return reading.seconds(node, what, self.problems)
+    def _time(self, node: Node | None, subject: str) -> float | None:
+        return reading.seconds(node, subject, self.problems)
 
     def _moves(self, node: Node | None, experiment: Experiment) -> dict[str, str]:
         """Read `lag.u: valve.u`: the column that was the input `valve.u` of the extended experiment now drives `lag.u`."""

@@ -119,8 +119,8 @@ def prescribing_inputs(assembly: Assembly) -> frozenset[str]:
     return frozenset(names)
 
 
-def _samples(given: FileInput) -> tuple[Array, Array]:
-    return input_samples(replace(given, bridge=True))
+def _samples(file_input: FileInput) -> tuple[Array, Array]:
+    return input_samples(replace(file_input, bridge=True))
 
 
 def _frozen(values: Array) -> slice | None:

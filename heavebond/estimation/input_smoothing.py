@@ -78,17 +78,17 @@ def differentiated_inputs(assembly: Assembly) -> list[str]:
             if any(s.element_hash() in used for s in split(known.symbols)[1:])]
 
 
-def proposed_smoothing(given: FileInput) -> Smoothing | None:
+def proposed_smoothing(file_input: FileInput) -> Smoothing | None:
     """The smoothing of an input that a model differentiates; None if it has one, or if no noise is visible."""
-    if given.smooth is not None or given.interpolation == "hold":
+    if file_input.smooth is not None or file_input.interpolation == "hold":
         return None
     try:
-        time, values = input_samples(replace(given, bridge=True))
+        time, values = input_samples(replace(file_input, bridge=True))
     except DataError:
         return None  # reported when the input is read
     step = step_of(values)
     estimate = estimate_noise([(values, time)]).deviation
-    noise = max(given.noise or (estimate if math.isfinite(estimate) else 0.0), step / math.sqrt(12))
+    noise = max(file_input.noise or (estimate if math.isfinite(estimate) else 0.0), step / math.sqrt(12))
     interval = float(np.median(np.diff(time)))
     differences = float(np.sqrt(np.mean(np.diff(values) ** 2)))  # of the signal and of its noise
     if len(time) < 2 ** 6 or not math.sqrt(2) * noise > SMOOTHING.visible / 2 * differences:

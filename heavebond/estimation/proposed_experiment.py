@@ -380,19 +380,19 @@ def _without_gaps(table: Table, chosen: Sequence[Chosen]) -> Part | None:
     return Part(f"{first:.9g} {time.unit}", f"{last:.9g} {time.unit}", tuple(dict.fromkeys(columns)))
 
 
-def _unrecognised(found: Proposal) -> list[str]:
+def _unrecognised(proposal: Proposal) -> list[str]:
     """A line for each unrecognised column with the unit of some outputs, with the first of these that no other column has
     and the others after it."""
-    taken = {c.target for c in found.columns}
+    taken = {c.target for c in proposal.columns}
     lines = []
-    for column in found.columns:
+    for column in proposal.columns:
         if column.role or not column.unit_known:
             continue
         unit = read_unit(column.unit)
-        able = [name for name, (text, _) in found.outputs.items() if name not in taken and name.count(".") <= 1
+        able = [name for name, (text, _) in proposal.outputs.items() if name not in taken and name.count(".") <= 1
                 and as_meant(unit, read_unit(text)).dimension == read_unit(text).dimension]
         if able:
-            name, line = _output(Chosen(column.name, "output", as_meant(unit, read_unit(found.outputs[able[0]][0])).text,
+            name, line = _output(Chosen(column.name, "output", as_meant(unit, read_unit(proposal.outputs[able[0]][0])).text,
                                         able[0]))
             taken.add(able[0])
             more = f"   # or {listing(able[1:], 4)}" if able[1:] else ""
@@ -456,11 +456,11 @@ def _output(chosen: Chosen) -> tuple[str, str]:
     return _free_name(chosen.column, {}), f"{{is: {quoted(chosen.target)}, {column_entry}}}"
 
 
-def _free_name(text: str, taken: Mapping[str, str]) -> str:
+def _free_name(text: str, used_names: Mapping[str, str]) -> str:
     """A name of letters, digits and _ that is not taken."""
     plain = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_") or "record"
     plain = plain if plain[0].isalpha() else f"r_{plain}"
-    return next(name for k in range(1, 10_000) if (name := plain if k == 1 else f"{plain}_{k}") not in taken)
+    return next(name for k in range(1, 10_000) if (name := plain if k == 1 else f"{plain}_{k}") not in used_names)
 
 
 def range_around(text: str, percent: float) -> str:

@@ -88,10 +88,10 @@ class Descent:
                 "unfinished": self.unfinished}
 
     @classmethod
-    def from_dict(cls, kept: Mapping[str, Any]) -> Descent:
+    def from_dict(cls, entry: Mapping[str, Any]) -> Descent:
         """The inverse of `as_dict`; LookupError, TypeError or ValueError for other data."""
-        return cls(np.array(kept["x"], float), float(kept["cost"]), tuple(kept["history"]), str(kept["message"]),
-                   bool(kept["unfinished"]))
+        return cls(np.array(entry["x"], float), float(entry["cost"]), tuple(entry["history"]), str(entry["message"]),
+                   bool(entry["unfinished"]))
 
 
 class Run:
@@ -174,9 +174,9 @@ class Run:
         wrong = (signals - self.measured)[which] / self._noise(which)
         return wrong, sensitivities[:, which] / self._noise(which) if self.names else np.zeros((0, len(wrong)))
 
-    def _noise(self, which: NDArray[np.bool_]) -> Array:
+    def _noise(self, selected: NDArray[np.bool_]) -> Array:
         """The noise of each of these samples (n,)."""
-        return self.noise[which]
+        return self.noise[selected]
 
     @cached_property
     def broken(self) -> Array:

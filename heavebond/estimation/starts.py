@@ -82,8 +82,8 @@ class Starts:
             clear_signal()
             return self._ended(dict(enumerate(runs)))
 
-    def _ended(self, found: dict[int, Descent]) -> list[Descent]:
-        descents = _in_order(found)
+    def _ended(self, descents_found: dict[int, Descent]) -> list[Descent]:
+        descents = _in_order(descents_found)
         return [*descents[:-1], replace(descents[-1], message=ENDED_EARLY)]
 
     def _here(self, problem: Residuals, numbers: Sequence[int], say: Progress) -> Iterator[tuple[int, Descent, int]]:
@@ -151,8 +151,8 @@ class Starts:
         return digest.hexdigest()
 
 
-def _in_order(found: dict[int, Descent]) -> list[Descent]:
-    return [found[k] for k in sorted(found)]
+def _in_order(descents_found: dict[int, Descent]) -> list[Descent]:
+    return [descents_found[k] for k in sorted(descents_found)]
 
 
 def _followed(experiment: bytes, starts: Starts) -> tuple[Descent, int]:

@@ -128,9 +128,9 @@ class PreparedAlternative:
 
     def imitating(self, own: AlternativeRun, other: AlternativeRun, known: Mapping[str, Array], weight: Array) -> Array:
         """The same with fitted parameters: Gauss-Newton steps, halved until they reduce the difference."""
-        def distance(seen: AlternativeRun) -> float:
-            off = (other.values - seen.values) * weight[:, None]
-            return float(np.sum(off**2) + np.sum((self.precision * (seen.p - self.fitted)) ** 2))
+        def distance(run: AlternativeRun) -> float:
+            off = (other.values - run.values) * weight[:, None]
+            return float(np.sum(off**2) + np.sum((self.precision * (run.p - self.fitted)) ** 2))
 
         for _ in range(STEPS if self.names else 0):
             step, before, better = self.left(own, other, weight)[1], distance(own), own
@@ -284,9 +284,9 @@ class _Frame:
     reach: Array
     needed: float
 
-    def within(self, seen: Sequence[AlternativeRun]) -> bool:
+    def within(self, runs: Sequence[AlternativeRun]) -> bool:
         """True if every channel stays near the range of the records: an integrating drive leaves it with other inputs."""
-        return all(bool(np.all((s.values >= self.reach[:, :1]) & (s.values <= self.reach[:, 1:]))) for s in seen)
+        return all(bool(np.all((s.values >= self.reach[:, :1]) & (s.values <= self.reach[:, 1:]))) for s in runs)
 
     def quiet(self) -> dict[str, Array]:
         """Every input at the first value of its record."""
@@ -367,16 +367,16 @@ def _runs(rivals: Sequence[PreparedAlternative], known: Mapping[str, Array], pro
         return None
 
 
-def _pairs(rivals: Sequence[PreparedAlternative], seen: Sequence[AlternativeRun], frame: _Frame, names: Sequence[str],
+def _pairs(rivals: Sequence[PreparedAlternative], runs: Sequence[AlternativeRun], frame: _Frame, names: Sequence[str],
            known: Mapping[str, Array] | None = None) -> tuple[Pair, ...]:
     """Every pair under one input; with `known`, the input itself, they are fitted to each other."""
     weight = np.sqrt(frame.weight) / frame.noise
     pairs = []
     for i, j in combinations(range(len(rivals)), 2):
-        sides = [rivals[a].left(seen[a], seen[b], weight)[0] for a, b in ((i, j), (j, i))]
+        sides = [rivals[a].left(runs[a], runs[b], weight)[0] for a, b in ((i, j), (j, i))]
         # if the tangent finds no difference, no fit is needed
         if known is not None and min(float(np.sum(side**2)) for side in sides) > 1.0:
-            sides = [rivals[a].imitating(seen[a], seen[b], known, weight) for a, b in ((i, j), (j, i))]
+            sides = [rivals[a].imitating(runs[a], runs[b], known, weight) for a, b in ((i, j), (j, i))]
         d = min(sides, key=lambda side: float(np.sum(side**2)))
         channel = int(np.argmax(np.sum(d**2, axis=1)))
         at = int(np.argmax(np.abs(d[channel])))
@@ -444,16 +444,16 @@ def _extra(rivals: Sequence[PreparedAlternative], frame: _Frame, tried: Sequence
     return min(close, key=lambda e: (e.name.count("."), -e.chi2)) if close else None
 
 
-def _measured_too(rivals: Sequence[PreparedAlternative], frame: _Frame, seen: Sequence[AlternativeRun], k: int, name: str,
+def _measured_too(rivals: Sequence[PreparedAlternative], frame: _Frame, runs: Sequence[AlternativeRun], k: int, name: str,
                   unit: str
                   ) -> AdditionalSensor | None:
     """Gain by the k-th of the probed variables as an additional channel; None if it is constant."""
-    noise = RANGE_NOISE * max(float(np.ptp(s.values[k])) for s in seen)
-    if noise <= 1e-12 * max(float(np.abs(s.values[k]).max()) for s in seen):
+    noise = RANGE_NOISE * max(float(np.ptp(s.values[k])) for s in runs)
+    if noise <= 1e-12 * max(float(np.abs(s.values[k]).max()) for s in runs):
         return None
     rows = [*range(len(frame.noise)), k]
     weight = np.sqrt(np.append(frame.weight, frame.weight.max())) / np.append(frame.noise, noise)
-    cut = [AlternativeRun(s.p, s.values[rows], s.moved[:, rows]) for s in seen]
+    cut = [AlternativeRun(s.p, s.values[rows], s.moved[:, rows]) for s in runs]
     pairs = [(a, b) for a in range(len(cut)) for b in range(len(cut)) if a != b]
     return AdditionalSensor(name, unit, noise, min(float(np.sum(rivals[a].left(cut[a], cut[b], weight)[0] ** 2)) for a,
                                                    b in pairs))
@@ -497,50 +497,50 @@ def _in(unit: str, values: Array) -> Array:
 
 
 # -- text ----------------------------------------------------------------------------------------------------------
-def _words(found: Separation, frame: _Frame) -> tuple[str, ...]:
+def _words(separation: Separation, frame: _Frame) -> tuple[str, ...]:
     if not frame.known:
         return ("No input is driven by a record, so no other one can be proposed.",)
-    if found.best is None:
+    if separation.best is None:
         return ("No input was found that keeps the machine within the range of the records under all of them.",)
-    best = found.best
-    if not found.decides:
+    best = separation.best
+    if not separation.decides:
         lines = ["No input within the limits of the records would distinguish them with these channels: under the best, "
-                 f"{described(found)}, chi-square would differ by {number(best.smallest, 2)}, and {number(found.needed, 2)} "
-                 "is needed."]
-        return (*lines, *_extra_words(found))
+                 f"{described(separation)}, chi-square would differ by {number(best.smallest, 2)}, and "
+                 f"{number(separation.needed, 2)} is needed."]
+        return (*lines, *_extra_words(separation))
     pair = best.least
-    lines = [f"To distinguish them, record {described(found)}.",
+    lines = [f"To distinguish them, record {described(separation)}.",
              f"{pair.one} and {pair.other} then differ most in {pair.channel}, near {number(pair.at, 3)} s by "
              f"{number(pair.size, 2)} times its noise; chi-square of the wrong one would be {number(pair.chi2, 3)} higher "
-             f"({number(found.needed, 2)} is needed), which decides {_chance(pair.sure)}."]
+             f"({number(separation.needed, 2)} is needed), which decides {_chance(pair.sure)}."]
     alike = [f"{p.one} and {p.other}" for p in best.pairs if p.sure < SURE]
     if alike:
         lines.append(f"Still alike: {listing(alike, 6)}.")
     return tuple(lines)
 
 
-def described(found: Separation) -> str:
+def described(separation: Separation) -> str:
     """The proposed input: `vessel.u as a sine of 0.2 m at 0.1 Hz about 0 m for 120 s`."""
-    assert found.best is not None
-    p, unit = found.best.proposal, found.limits[found.best.proposal.input][1]
+    assert separation.best is not None
+    p, unit = separation.best.proposal, separation.limits[separation.best.proposal.input][1]
     shape = p.shape if p.shape.startswith(("the ", "steps", "small steps")) else f"a {p.shape}"
     often = f" at {number(p.frequency, 3)} Hz" if p.frequency is not None else ""
     level = "0" if abs(p.level) < 0.02 * p.amplitude else readable(p.level, unit, 3)
     return f"{p.input} as {shape}, amplitude {readable(p.amplitude, unit, 3)}{often} about {level}, for " \
-        f"{number(float(found.time[-1]), 3)} s"
+        f"{number(float(separation.time[-1]), 3)} s"
 
 
 def _chance(sure: float) -> str:
     return "in more than 99.9 of 100 cases" if sure > 0.999 else f"in {number(100 * sure, 3)} of 100 cases"
 
 
-def _extra_words(found: Separation) -> tuple[str, ...]:
-    extra = found.extra
+def _extra_words(separation: Separation) -> tuple[str, ...]:
+    extra = separation.extra
     if extra is None:
         return ("No further channel would either.",)
     noun = quantity(extra.unit) or "variable"
     noise = readable_difference(extra.noise, extra.unit, 2)
-    if _sure(extra.chi2, found.needed) < SURE:
+    if _sure(extra.chi2, separation.needed) < SURE:
         return (f"No further channel would either; the nearest is the {noun} {extra.name}.",)
     return (f"With the {noun} {extra.name} measured as well, with a noise of {noise}, chi-square would differ by "
             f"{number(extra.chi2, 3)}.",)

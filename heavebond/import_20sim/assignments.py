@@ -26,23 +26,23 @@ def has_event(expr: Expr) -> bool:
     return any(n.lower() in EVENTS for n in calls(expr))
 
 
-def make_placeholder(made: Component, given: Collection[str] = ()) -> None:
+def make_placeholder(component: Component, given: Collection[str] = ()) -> None:
     """Constants in place of equations that are not translated: for each output, and for the effort of each port that the
     submodel determines (`given` are the quantities of ports that it assigns); the flow of other ports is 0."""
-    made.equations, made.events, made.initial, made.first, made.gives, made.tables = [], {}, {}, {}, {}, {}
-    made.requires = []
-    made.items = {n: item for n, item in made.items.items() if item.kind not in ("variable", "held")}
-    for item in list(made.items.values()):
+    component.equations, component.events, component.initial = [], {}, {}
+    component.first, component.gives, component.tables, component.requires = {}, {}, {}, []
+    component.items = {n: item for n, item in component.items.items() if item.kind not in ("variable", "held")}
+    for item in list(component.items.values()):
         if item.kind == "out":
-            value, doc = made.fresh(f"{item.name}_value"), f"value of the output {item.name}, which is not computed"
-            made.items[value] = Item(value, "parameter", "", doc, 0.0)
-            made.equations.append((f.name(item.name), f.name(value), "not translated"))
+            value, doc = component.fresh(f"{item.name}_value"), f"value of the output {item.name}, which is not computed"
+            component.items[value] = Item(value, "parameter", "", doc, 0.0)
+            component.equations.append((f.name(item.name), f.name(value), "not translated"))
         elif item.kind == "bond" and f"{item.name}.e" in given and f"{item.name}.f" not in given:
-            value, doc = made.fresh(f"{item.name}_effort"), f"effort of the port {item.name}, which is not computed"
-            made.items[value] = Item(value, "parameter", "W", doc, 0.0)
-            made.equations.append((f.name(f"{item.name}.e"), f.name(value), "not translated"))
+            value, doc = component.fresh(f"{item.name}_effort"), f"effort of the port {item.name}, which is not computed"
+            component.items[value] = Item(value, "parameter", "W", doc, 0.0)
+            component.equations.append((f.name(f"{item.name}.e"), f.name(value), "not translated"))
         elif item.kind == "bond":
-            made.equations.append((f.name(f"{item.name}.f"), f.number(0), "not translated"))
+            component.equations.append((f.name(f"{item.name}.f"), f.number(0), "not translated"))
 
 
 def assigned(statement: Statement) -> list[str]:

@@ -75,19 +75,19 @@ def elements_of(port: Port, known: Mapping[str, float]) -> list[str]:
         [f"{base}_{i + 1}_{k + 1}" for i in range(rows) for k in range(columns)]
 
 
-def _unused(base: str, taken: Collection[str]) -> str:
+def _unused(base: str, used_names: Collection[str]) -> str:
     """A name that is not taken: `Gain`, `Gain_2` ..."""
     k, candidate = 1, base
-    while candidate in taken:
+    while candidate in used_names:
         k, candidate = k + 1, f"{base}_{k + 1}"
     return candidate
 
 
-def _known_values(made: Component, builder: Builder, values: Mapping[str, float]) -> dict[str, float]:
+def _known_values(component: Component, builder: Builder, values: Mapping[str, float]) -> dict[str, float]:
     """The values that are known before the run: numbers, parameters, given ones, and results of the initial equations and
     the equations with these."""
-    known = {**values, **{i.name: i.value for i in made.of_kind("parameter") if i.value is not None}, **builder.numbers}
-    formulas = {**{left.name: right for left, right, _ in made.equations if left.op == "name"}, **builder.start}
+    known = {**values, **{i.name: i.value for i in component.of_kind("parameter") if i.value is not None}, **builder.numbers}
+    formulas = {**{left.name: right for left, right, _ in component.equations if left.op == "name"}, **builder.start}
     changed = True
     while changed:
         new = {name: value for name, right in formulas.items() if name not in known
@@ -213,14 +213,14 @@ class Translator:
         self.components.append((new, component))
         return component
 
-    def _show_samples(self, made: Component, memory: Memory, prefix: str, sampled: Collection[str] | None) -> None:
+    def _show_samples(self, component: Component, memory: Memory, prefix: str, sampled: Collection[str] | None) -> None:
         """Plotted variables of a discrete submodel keep their values between the samples; `sampled` are the names of such
         variables in one with continuous parts."""
         for plotted in (label for name in self.emx.plotted for label in labels(name)):
             name = plotted[len(prefix):]
-            item = made.items.get(name) if plotted.startswith(prefix) and (sampled is None or name in sampled) else None
-            if item is not None and item.kind in ("variable", "out", "held") and name not in made.shown:
-                made.shown[name] = memory.at_samples(f.name(name))
+            item = component.items.get(name) if plotted.startswith(prefix) and (sampled is None or name in sampled) else None
+            if item is not None and item.kind in ("variable", "out", "held") and name not in component.shown:
+                component.shown[name] = memory.at_samples(f.name(name))
 
     def finish(self) -> None:
         """Set the initial values, after all global quantities that are known before the run have been determined."""
@@ -237,45 +237,46 @@ class Translator:
         for made, prefix, builder in self.pending:
             self._initial_values(made, prefix, builder)
 
-    def _of_globals(self, made: Component) -> dict[str, float]:
+    def _of_globals(self, component: Component) -> dict[str, float]:
         """The known values of the global quantities that a component needs, by its local names."""
         known = {**self.computed, **{name: value for name, (value, _) in self.values.items()}}
-        return {own: known[label] for own, label in made.shared.items() if label in known}
+        return {own: known[label] for own, label in component.shared.items() if label in known}
 
-    def _experiment(self, made: Component, old: str, builder: Builder) -> None:
+    def _experiment(self, component: Component, old: str, builder: Builder) -> None:
         """Values of the experiment. 20-sim writes 0 for parameters of global relations that it has not compiled; then the
         value in the text is used."""
         prefix = f"{old}\\" if old else ""
         relations = builder.submodel.name == GLOBALS
-        for item in made.of_kind("parameter"):
+        for item in component.of_kind("parameter"):
             stated = self.emx.stated(f"{prefix}{item.name}")
-            if stated is None and item.name in made.shared:
-                stated = self.emx.stated(identifier(made.shared[item.name]))
+            if stated is None and item.name in component.shared:
+                stated = self.emx.stated(identifier(component.shared[item.name]))
             if relations and stated == 0 and item.value:
                 why = f"the experiment states 0 for '{item.name}', and the global relations {item.value:g}, which is used"
-                made.omitted.append((made.line, why))
-            elif stated is not None and not (stated == 0 and self.scoped(made.shared.get(item.name, "")) in self.values):
+                component.omitted.append((component.line, why))
+            elif stated is not None and not (stated == 0
+                                             and self.scoped(component.shared.get(item.name, "")) in self.values):
                 item.value = stated
-        self.pending.append((made, prefix, builder))
+        self.pending.append((component, prefix, builder))
 
-    def _initial_values(self, made: Component, prefix: str, builder: Builder) -> None:
+    def _initial_values(self, component: Component, prefix: str, builder: Builder) -> None:
         """Initial values from the experiment, or from the equations; a parameter without a value is 0."""
-        values = dict.fromkeys((item.name for item in made.of_kind("parameter")), 0.0) | self._of_globals(made)
-        known = _known_values(made, builder, values)
-        for held, first in made.first.items():
+        values = dict.fromkeys((item.name for item in component.of_kind("parameter")), 0.0) | self._of_globals(component)
+        known = _known_values(component, builder, values)
+        for held, first in component.first.items():
             value = fold(first, known)
             if value is None:
                 why = f"the first value of '{held}' depends on the run; 0 is used"
-                made.omitted.append((builder.submodel.line, why))
-            made.items[held].value = value or 0.0
-        for variable, first in list(made.initial.items()):
+                component.omitted.append((builder.submodel.line, why))
+            component.items[held].value = value or 0.0
+        for variable, first in list(component.initial.items()):
             of_element = re.sub(r"((?:_[0-9]+)*)$", r"_initial\1", variable)  # x_initial[2]
             stated = self.emx.initials.get(f"{prefix}{variable}_initial", self.emx.initials.get(f"{prefix}{of_element}"))
             value = fold(first, known) if stated is None else stated
             if value is None:
                 why = f"the initial value of '{variable}' depends on the run; 0 is used"
-                made.omitted.append((builder.submodel.line, why))
-            made.initial[variable] = first.__class__("number", value=value or 0.0)
+                component.omitted.append((builder.submodel.line, why))
+            component.initial[variable] = first.__class__("number", value=value or 0.0)
 
     def block(self, submodel: Submodel, old: str, new: str) -> Block:
         """The parts of a submodel and their nodes."""
@@ -369,46 +370,46 @@ class Translator:
                 made.equations.append((item.name, "0"))
                 made.untranslated.append((made.line, f"the output '{item.name}' is connected to nothing; it is 0"))
 
-    def _node(self, made: Block, inner: list[tuple[Part, str]], own: list[str]) -> None:
+    def _node(self, block: Block, inner: list[tuple[Part, str]], own: list[str]) -> None:
         for p, e in inner:
             if e not in p.what.items:
                 why = f"a connection ends at '{p.name}\\{e}', which is not a port; it is left out"
-                made.untranslated.append((made.line, why))
+                block.untranslated.append((block.line, why))
         inner = [(p, e) for p, e in inner if e in p.what.items]
-        kinds = {e: made.items[e].kind for e in own}
+        kinds = {e: block.items[e].kind for e in own}
         bonds = [f"{p.name}\\{e}" for p, e in inner if p.what.items[e].kind == "bond"]
         bonds += [e for e in own if kinds[e] == "bond"]
         if bonds and len(bonds) < len(inner) + len(own):
-            made.untranslated.append((made.line, f"a signal is connected to the power port '{bonds[0]}'; it is left out"))
+            block.untranslated.append((block.line, f"a signal is connected to the power port '{bonds[0]}'; it is left out"))
             inner = [(p, e) for p, e in inner if p.what.items[e].kind != "bond"]
-            made.equations += [(f"{e}.f", "0") for e in own if kinds[e] == "bond"]
+            block.equations += [(f"{e}.f", "0") for e in own if kinds[e] == "bond"]
             own = [e for e in own if kinds[e] != "bond"]
         sources = [(p, e) for p, e in inner if p.what.items[e].kind == "out"]
         inputs_of_block = [e for e in own if kinds[e] == "in"]
         outs = [e for e in own if kinds[e] == "out"]
         ends = [f"{p.name}.{e}" for p, e in (*sources, *((p, e) for p, e in inner if (p, e) not in sources))]
         if inputs_of_block and outs:
-            made.equations += [(out, inputs_of_block[0]) for out in outs]
+            block.equations += [(out, inputs_of_block[0]) for out in outs]
             outs = []
         elif len(outs) > 1:
-            made.equations += [(out, outs[0]) for out in outs[1:]]
+            block.equations += [(out, outs[0]) for out in outs[1:]]
             outs = outs[:1]
         ends += [e for e in own if kinds[e] == "bond"] + inputs_of_block + outs
         if not inner or len(ends) < 2:
             return
         first, element = (sources or inner)[0]
-        used_names = {*made.items, *(part.name for part in made.parts.values()), *made.nodes}
-        made.nodes[_unused(f"{first.name}_{element}", used_names)] = ends
+        used_names = {*block.items, *(part.name for part in block.parts.values()), *block.nodes}
+        block.nodes[_unused(f"{first.name}_{element}", used_names)] = ends
 
-    def _free(self, made: Block, part: Part) -> None:
+    def _free(self, block: Block, part: Part) -> None:
         """Power ports without a connection are free ends; inputs without one are 0, as in 20-sim."""
-        joined = {end for ends in made.nodes.values() for end in ends}
+        joined = {end for ends in block.nodes.values() for end in ends}
         for item in part.what.items.values():
             if f"{part.name}.{item.name}" in joined:
                 continue
             if item.kind == "bond":
-                used_names = {*made.items, *(p.name for p in made.parts.values()), *made.nodes}
-                made.nodes[_unused(f"{part.name}_{item.name}", used_names)] = [f"{part.name}.{item.name}"]
+                used_names = {*block.items, *(p.name for p in block.parts.values()), *block.nodes}
+                block.nodes[_unused(f"{part.name}_{item.name}", used_names)] = [f"{part.name}.{item.name}"]
                 if isinstance(part.what, Component) and part.what.untranslated:  # no flow: its effort is 0
                     part.what.equations = [(Expr(left.op, left.args, f"{item.name}.e"), right, comment)
                                            if left.name == f"{item.name}.f" else (left, right, comment)

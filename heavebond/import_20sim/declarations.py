@@ -24,9 +24,9 @@ class Symbols:
     `known` the values of global quantities, `stated` gives the value of a constant in the experiment by its name, or
     None."""
 
-    def __init__(self, submodel: Submodel, made: Component, calculus: Calculus, ends: Iterable[tuple[str, str, str]],
+    def __init__(self, submodel: Submodel, component: Component, calculus: Calculus, ends: Iterable[tuple[str, str, str]],
                  known: Mapping[str, float], stated: Callable[[str], float | None]):
-        self.submodel, self.source, self.made, self.known = submodel, submodel.equations or Equations(), made, known
+        self.submodel, self.source, self.made, self.known = submodel, submodel.equations or Equations(), component, known
         self.names: dict[str, Matrix] = {}
         self.many: dict[str, list[tuple[str, bool]]] = {}  # for a knot's port: elements and True if they point out
         self.numbers: dict[str, float] = {}

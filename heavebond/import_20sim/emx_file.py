@@ -99,36 +99,36 @@ class _Handler:
             self.found = replace(read, sidops=self.found.sidops, first_line=self.found.first_line,
                                  default=self.found.default, name=read.name or "Experiment")
 
-    def _settings(self, found: EmxFile, tag: str, text: str) -> None:
+    def _settings(self, emx: EmxFile, tag: str, text: str) -> None:
         if tag == "Name" and self.path[-2:-1] == ["Experiment"]:
-            found.name = text
+            emx.name = text
         elif tag == "StartTime":
-            found.start = _number(text) or 0.0
+            emx.start = _number(text) or 0.0
         elif tag == "FinishTime":
-            found.finish = _number(text)
+            emx.finish = _number(text)
         elif tag == "UseOutputAfterEach":
             self.use_every = text.lower() == "true"
         elif tag == "OutputAfterEach" and self.use_every and (value := _number(text)) and value > 0:
-            found.every = value
+            emx.every = value
         elif tag == "DiscreteID":
             self.names = labels(text)[:1]
         elif tag == "TimeInterval" and (value := _number(text)) and value > 0:
-            found.sample_times.update(dict.fromkeys(self.names, value))
+            emx.sample_times.update(dict.fromkeys(self.names, value))
 
-    def _experiment(self, found: EmxFile, tag: str, text: str) -> None:
+    def _experiment(self, emx: EmxFile, tag: str, text: str) -> None:
         parent = self.path[-2] if len(self.path) > 1 else ""
         group = self.path[-3] if len(self.path) > 2 else ""
         if parent == "Variable" and tag == "Name":
             self.names = labels(text)
         elif parent == "Variable" and tag == "Value" and (value := _number(text)) is not None:
             if group in ("Parameters", "Constants"):
-                found.parameters.update(dict.fromkeys(self.names, value))
+                emx.parameters.update(dict.fromkeys(self.names, value))
             elif group == "Initials":
-                found.initials.update(dict.fromkeys(self.names, value))
+                emx.initials.update(dict.fromkeys(self.names, value))
         elif parent == "Variable" and tag == "Value" and group == "Parameters":
-            found.texts.update(dict.fromkeys(self.names, text.strip("\"'")))
-        elif tag == "VarName" and parent == "YCurveData" and text not in found.plotted:
-            found.plotted.append(text)
+            emx.texts.update(dict.fromkeys(self.names, text.strip("\"'")))
+        elif tag == "VarName" and parent == "YCurveData" and text not in emx.plotted:
+            emx.plotted.append(text)
 
 
 def _number(text: str) -> float | None:

@@ -281,9 +281,9 @@ class Builder(Execution):
             other_statements = (s for s in (*self.source.equations, *self.source.code) if s is not statement)
             self._results(self._without_memory(env, other_statements), start, written)
 
-    def _without_memory(self, env: Env, others: Iterable[Statement]) -> Env:
-        """Remove former values that are not needed; `others` are the statements that read the values unchanged."""
-        read = {n for s in others for n in mentioned(s)} | self._used()  # by integrals and events, too
+    def _without_memory(self, env: Env, other_statements: Iterable[Statement]) -> Env:
+        """Remove former values that are not needed; `other_statements` are the statements that read the values unchanged."""
+        read = {n for s in other_statements for n in mentioned(s)} | self._used()  # by integrals and events, too
         read |= {n for e in self.made.events.values() for text in e.when.values() for n in re.findall(r"\w+", text)}
         read |= {n for first in (*self.made.initial.values(), *self.made.first.values()) for n in names(first)}
         kinds = {name: item.kind for name, item in self.made.items.items()}
@@ -451,12 +451,12 @@ class Builder(Execution):
                                                                                               f.name(sampled_value))
         return value
 
-    def _follows(self, name: str, item: Item, value: Expr, found: Iterable[tuple[Expr, Expr]], first: Expr,
-                 said: str) -> None:
+    def _follows(self, name: str, item: Item, value: Expr, cases: Iterable[tuple[Expr, Expr]], first: Expr,
+                 text: str) -> None:
         """A variable that follows an expression while a branch assigns it, and keeps its last value otherwise."""
         held_value = self.made.hold(f"{name}_kept", item.unit, f"last value of {name}", first)
-        self.made.equations.append((f.name(name), renamed(value, name, f.name(held_value)), said))
-        for condition, leaf in found:
+        self.made.equations.append((f.name(name), renamed(value, name, f.name(held_value)), text))
+        for condition, leaf in cases:
             condition = passed(self.made, self.assigned, condition)
             flag = self.made.hold(f"{name}_assigned", "", f"1 while a branch assigns {name}", f.number(0))
             # exit only after entry: at the start a condition may change from equality to either side
@@ -466,13 +466,13 @@ class Builder(Execution):
             ends = self.made.on(f"{name}_ends", {"condition": f.text(left)}, {held_value: leaf, flag: f.number(0)})
             self.followed.append(Kept(held_value, flag, ends, condition, leaf))
 
-    def _held(self, name: str, item: Item, value: Expr, first: Expr, said: str) -> None:
+    def _held(self, name: str, item: Item, value: Expr, first: Expr, text: str) -> None:
         """A variable that keeps its value: held, and set by events."""
         held = name
         if item.kind == "out":
             held = self.made.fresh(f"{name}_held")
-            self.made.equations.append((f.name(name), f.name(held), said or "kept between events"))
-        doc = item.doc or ("" if held != name else "; ".join(filter(None, said.split("\n"))))
+            self.made.equations.append((f.name(name), f.name(held), text or "kept between events"))
+        doc = item.doc or ("" if held != name else "; ".join(filter(None, text.split("\n"))))
         self.made.items[held] = Item(held, "held", item.unit, doc, 0.0, before=item.before if held == name else "")
         self.made.first[held] = first
         value = renamed(value, name, f.name(held))

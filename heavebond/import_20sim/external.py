@@ -23,8 +23,8 @@ TABLE, PROFILES = "table2d.dll", "motionprofiles.dll"
 class External:
     """The tables and library functions of one component; `texts` are the names of files and functions."""
 
-    def __init__(self, made: Component, memory: Memory, folder: Path | None, texts: Mapping[str, str]):
-        self.made, self.memory, self.folder, self.texts = made, memory, folder, texts
+    def __init__(self, component: Component, memory: Memory, folder: Path | None, texts: Mapping[str, str]):
+        self.made, self.memory, self.folder, self.texts = component, memory, folder, texts
         self.unread = False  # whether a table of two inputs could not be read
 
     def _text(self, name: Expr) -> str:
@@ -67,11 +67,11 @@ class External:
                 return [[share], [f.number(1)], [f.number(0)]]
         raise Unreadable(call.line, f"`{call.name}`: {EXTERNAL['dll']}")
 
-    def _read(self, call: Expr, given: list[Expr]) -> Expr:
+    def _read(self, call: Expr, arguments: list[Expr]) -> Expr:
         """The value of a table of two inputs: the argument is its number and its inputs, of rows and of columns."""
         grids = [label for label, table in self.made.tables.items() if len(table) == 3]
         if self.unread:
             return f.number(0)  # its reason is listed
-        if len(given) != 3 or len(grids) != 1:
+        if len(arguments) != 3 or len(grids) != 1:
             raise Unreadable(call.line, "`TableRead` takes a vector of one table's number and two inputs")
-        return Expr("table2", tuple(given[1:]), grids[0])
+        return Expr("table2", tuple(arguments[1:]), grids[0])

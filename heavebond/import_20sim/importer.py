@@ -281,9 +281,9 @@ class _Writer:
         return {id(part.what): self._values(part, path) for part in block.parts.values()}
 
     @staticmethod
-    def _tables(made: Component, names: dict[str, str]) -> list[tuple[str, str]]:
+    def _tables(component: Component, names: dict[str, str]) -> list[tuple[str, str]]:
         return [(names.get(kind, f"{name}_{kind}"), numbers(points, "s" if names.get(kind) == "t" else ""))
-                for name, table in made.tables.items()
+                for name, table in component.tables.items()
                 for kind, points in zip("xyv" if len(table) == 3 else "xv", table, strict=True)]
 
     def _values(self, part: Part, path: str) -> list[tuple[str, str]]:
@@ -309,9 +309,9 @@ class _Writer:
         return [(name, quantity(values[name], unit)) for name, unit in match.units.items()
                 if name in values and f"{part_path}.{name}" not in shared]
 
-    def _place(self, made: Block) -> None:
+    def _place(self, block: Block) -> None:
         """Write the contents of a block, the inner files first."""
-        for part in made.parts.values():
+        for part in block.parts.values():
             content = part.what
             if isinstance(content, Block):
                 self._place(content)
@@ -328,19 +328,19 @@ class _Writer:
             if new:
                 self.result.files[f"components/{snake(name)}.yaml"] = text
 
-    def _kind(self, what: Component | Block, common: str) -> tuple[str, bool]:
+    def _kind(self, content: Component | Block, common: str) -> tuple[str, bool]:
         """The name of the file for a submodel, and True if it is new: submodels of one type, or with names that differ by
         a number, and with the same text except for parameter values are parts of one kind."""
-        key = (re.sub(r"^Own(?=[A-Z])|(?<=[A-Za-z])[0-9]+$", "", what.name), common)
+        key = (re.sub(r"^Own(?=[A-Z])|(?<=[A-Za-z])[0-9]+$", "", content.name), common)
         new = key not in self.texts
         if new:
-            name, k = what.name, 1
+            name, k = content.name, 1
             while name.lower() in self.taken:
-                k, name = k + 1, f"{what.name}{k + 1}"
+                k, name = k + 1, f"{content.name}{k + 1}"
             self.taken.add(name.lower())
             self.texts[key] = name
-            what.summary = f"Submodel {what.name} of the 20-sim model {self.emx.path.stem}."
-        self.names[id(what)] = self.texts[key]
+            content.summary = f"Submodel {content.name} of the 20-sim model {self.emx.path.stem}."
+        self.names[id(content)] = self.texts[key]
         return self.texts[key], new
 
     def _diagram(self) -> str:
@@ -409,5 +409,5 @@ class _Writer:
                 for u in self.result.untranslated]
 
 
-def _origin(made: Block) -> tuple[float, float]:
-    return (min((p.x for p in made.parts.values()), default=0.0), max((p.y for p in made.parts.values()), default=0.0))
+def _origin(block: Block) -> tuple[float, float]:
+    return (min((p.x for p in block.parts.values()), default=0.0), max((p.y for p in block.parts.values()), default=0.0))

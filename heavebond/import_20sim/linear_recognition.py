@@ -17,15 +17,16 @@ MATRIX = re.compile(r"[ABCD](_[0-9]+){0,2}")
 SAME = 1e-9  # tolerance relative to the largest value, with which the coefficients must reproduce another point
 
 
-def linear_match(made: Component, joined: Collection[str]) -> Match | None:
+def linear_match(component: Component, joined: Collection[str]) -> Match | None:
     """The `LinearSystem` of the library for a component whose parameters are matrices A, B, C, D and whose rates and outputs
     are linear in its states and inputs, with its matrices. All inputs must be connected."""
-    values = {item.name: item.value for item in made.of_kind("parameter")}
-    inputs, outputs = [i.name for i in made.of_kind("in")], [i.name for i in made.of_kind("out")]
-    states = [i.name for i in made.of_kind("variable")]
-    rates = {left.args[0].name: right for left, right, _ in made.equations if left.op == "call" and left.name == "der"}
-    others = {left.name: right for left, right, _ in made.equations if left.op == "name"}
-    if made.events or made.untranslated or made.shared or made.gives or made.tables or made.of_kind("bond", "held"):
+    values = {item.name: item.value for item in component.of_kind("parameter")}
+    inputs, outputs = [i.name for i in component.of_kind("in")], [i.name for i in component.of_kind("out")]
+    states = [i.name for i in component.of_kind("variable")]
+    rates = {left.args[0].name: right for left, right, _ in component.equations if left.op == "call" and left.name == "der"}
+    others = {left.name: right for left, right, _ in component.equations if left.op == "name"}
+    if component.events or component.untranslated or component.shared or component.gives \
+            or component.tables or component.of_kind("bond", "held"):
         return None
     if not all(map(MATRIX.fullmatch, values)) or None in values.values() or not (states and inputs and outputs):
         return None
@@ -46,7 +47,7 @@ def linear_match(made: Component, joined: Collection[str]) -> Match | None:
     whole = np.array(units).T
     if not np.allclose(whole @ second_point, value_there, rtol=SAME, atol=SAME * np.abs(whole).max(initial=0.0)):
         return None
-    first = {name: fold(value, known) for name, value in made.initial.items()}
+    first = {name: fold(value, known) for name, value in component.initial.items()}
     if None in first.values():
         return None
     n = len(states)

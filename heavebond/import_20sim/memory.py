@@ -31,8 +31,8 @@ class Memory:
     derived.
     """
 
-    def __init__(self, made: Component):
-        self.made, self.target = made, ""
+    def __init__(self, component: Component):
+        self.made, self.target = component, ""
         self.begun: dict[str, Expr] = {}  # initial values of differentiated quantities
 
     def _name(self, rate: Expr, ending: str) -> str:
@@ -246,10 +246,10 @@ class Memory:
         self.made.requires += [limit for limit in limits if limit not in self.made.requires]
         return True
 
-    def note(self, line: int, what: str) -> None:
+    def note(self, line: int, text: str) -> None:
         """List the interpretation of a construct."""
-        if (line, what) not in self.made.omitted:
-            self.made.omitted.append((line, what))
+        if (line, text) not in self.made.omitted:
+            self.made.omitted.append((line, text))
 
     # -- whole numbers -----------------------------------------------------------------------------------------------
     def floor(self, value: Expr) -> Expr:

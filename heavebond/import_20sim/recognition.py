@@ -158,7 +158,7 @@ def _true(expr: syntax.Expr, point: Point) -> bool:
 
 
 def _computed(law: Law, known: Mapping[str, complex],
-              taken: Taken) -> tuple[dict[str, complex], list[syntax.Equation], list[str]]:
+              branches: Taken) -> tuple[dict[str, complex], list[syntax.Equation], list[str]]:
     """The inner variables that follow explicitly from the known quantities, the other equations, and the other inner
     variables.
     """
@@ -170,7 +170,7 @@ def _computed(law: Law, known: Mapping[str, complex],
             if not isinstance(equation.left, syntax.Name) or equation.left.text not in inner:
                 continue
             try:
-                values[equation.left.text] = _value(equation.right, Point(values, taken=taken))
+                values[equation.left.text] = _value(equation.right, Point(values, taken=branches))
             except (ValueError, KeyError):
                 continue
             if equation.left.text in law.states:
@@ -227,24 +227,26 @@ def _rank(matrix: Array) -> int:
 
 
 # -- both sides ------------------------------------------------------------------------------------------------------------
-def _imported(made: Component, joined: set[str]) -> Law | None:
+def _imported(component: Component, joined: set[str]) -> Law | None:
     """The law of an imported component, in which unconnected outputs are inner variables; None if it has more than a law:
     events, held variables, or untranslated constructs."""
-    if made.events or made.untranslated or made.omitted or made.gives or made.of_kind("held") or not made.equations:
+    if component.events or component.untranslated or component.omitted or component.gives or component.of_kind("held") \
+            or not component.equations:
         return None
-    outputs = [i.name for i in made.of_kind("out")]
-    bonds = tuple(i.name for i in made.of_kind("bond"))
+    outputs = [i.name for i in component.of_kind("out")]
+    bonds = tuple(i.name for i in component.of_kind("bond"))
     taken = tuple(n for n in outputs if n in joined or not (bonds or joined & set(outputs)))
-    inner = (*(n for n in outputs if n not in taken), *(i.name for i in made.of_kind("variable")))
-    used = {n for left, right, _ in made.equations for n in (*names(left), *names(right))}
-    parameters = tuple(i.name for i in made.of_kind("parameter") if i.name in used)  # others are initial values
-    inputs = tuple(i.name for i in made.of_kind("in"))
+    inner = (*(n for n in outputs if n not in taken), *(i.name for i in component.of_kind("variable")))
+    used = {n for left, right, _ in component.equations for n in (*names(left), *names(right))}
+    parameters = tuple(i.name for i in component.of_kind("parameter") if i.name in used)  # others are initial values
+    inputs = tuple(i.name for i in component.of_kind("in"))
     if len(parameters) > MOST_PARAMETERS or len(inputs) + len(taken) > MOST_SIGNALS or len(bonds) > MOST_BONDS:
         return None
     if not (taken or bonds):
         return None
     try:
-        equations = tuple(parse_equation(f"{f.text(left)} = {f.value_text(right)}") for left, right, _ in made.equations)
+        equations = tuple(parse_equation(f"{f.text(left)} = {f.value_text(right)}") for left, right,
+                          _ in component.equations)
     except ValueError:
         return None
     return Law(equations, bonds, inputs, taken, parameters, inner)
@@ -310,25 +312,26 @@ def recognised(made: Component, joined: set[str]) -> Match | None:
     return _without_ones(made, law, joined)
 
 
-def _without_ones(made: Component, law: Law, joined: set[str]) -> Match | None:
+def _without_ones(component: Component, law: Law, joined: set[str]) -> Match | None:
     """The library component for a law with gains of 1, as numbers in place of parameters: 1/(tau*s + 1)."""
-    ones = [n for n in law.parameters if made.items[n].value == 1 and not made.items[n].unit and n not in made.shared]
+    ones = [n for n in law.parameters if component.items[n].value == 1 and not component.items[n].unit
+            and n not in component.shared]
     if not ones or len(ones) == len(law.parameters):
         return None
-    equations = made.equations
+    equations = component.equations
     for name in ones:
         equations = [(left, renamed(right, name, f.number(1)), said) for left, right, said in equations]
-    items = {n: item for n, item in made.items.items() if n not in ones}
-    return recognised(replace(made, equations=equations, items=items), joined)
+    items = {n: item for n, item in component.items.items() if n not in ones}
+    return recognised(replace(component, equations=equations, items=items), joined)
 
 
-def _junction(made: Component, joined: set[str]) -> Match | None:
+def _junction(component: Component, joined: set[str]) -> Match | None:
     """A 1-junction of bonds or multi-bonds whose flow no signal takes."""
-    if made.junction is None or made.untranslated:
+    if component.junction is None or component.untranslated:
         return None
-    bonds, flows = made.junction
+    bonds, flows = component.junction
     width, count = len(bonds[0][0]), {"a": 0, "b": 0}
-    outputs = [name for flow in flows for name in made.elements[flow]]
+    outputs = [name for flow in flows for name in component.elements[flow]]
     if set(outputs) & joined:
         return None
     ports = dict(zip(outputs, ["f"] if width == 1 else [f"f[{k + 1}]" for k in range(width)], strict=False))
@@ -342,67 +345,70 @@ def _junction(made: Component, joined: set[str]) -> Match | None:
     return Match("Junction1" if width == 1 else "Junction1Field", ports, {}, numbers, dict.fromkeys(numbers, ""))
 
 
-def _delay(made: Component) -> Match | None:
+def _delay(component: Component) -> Match | None:
     """A component that only delays its input by a parameter."""
-    if made.delay is None or made.untranslated or made.events or made.gives:
+    if component.delay is None or component.untranslated or component.events or component.gives:
         return None
-    result, value, time = made.delay
-    output = next((left.name for left, right, _ in made.equations if right == result and left.op == "name"), "")
-    known = {item.name: item.kind for item in made.items.values() if item.doc != DELAYED}
+    result, value, time = component.delay
+    output = next((left.name for left, right, _ in component.equations if right == result and left.op == "name"), "")
+    known = {item.name: item.kind for item in component.items.values() if item.doc != DELAYED}
     if known != {output: "out", value: "in", time: "parameter"}:
         return None
     return Match("Delay", {output: "y", value: "u"}, {"T": time}, {}, {"T": "s"})
 
 
-def _assignments(made: Component, law: Law, own: definition.Component, other: Law) -> Iterator[Match]:
+def _assignments(component: Component, law: Law, library_component: definition.Component,
+                 library_law: Law) -> Iterator[Match]:
     """Every way to assign the quantities of both to each other."""
-    for bonds in itertools.permutations(other.bonds):
-        for outputs in itertools.permutations(other.outputs):
-            for inputs in itertools.permutations(other.inputs, len(law.inputs)):
-                if any(_unit(own.signals[n].unit.text) for n in (*outputs, *inputs)):
+    for bonds in itertools.permutations(library_law.bonds):
+        for outputs in itertools.permutations(library_law.outputs):
+            for inputs in itertools.permutations(library_law.inputs, len(law.inputs)):
+                if any(_unit(library_component.signals[n].unit.text) for n in (*outputs, *inputs)):
                     continue  # the signals of an imported model have no units
-                places = [n for n in (*other.inputs, *other.parameters) if n not in inputs]
+                places = [n for n in (*library_law.inputs, *library_law.parameters) if n not in inputs]
                 ports = dict(zip((*law.bonds, *law.outputs, *law.inputs), (*bonds, *outputs, *inputs), strict=True))
                 for chosen in itertools.permutations(places, len(law.parameters)):
                     remaining = [n for n in places if n not in chosen]
-                    for numbers in itertools.product(*(_numbers(own, n) for n in remaining)):
-                        units = {n: _unit((own.parameters[n] if n in own.parameters else own.signals[n]).unit.text)
+                    for numbers in itertools.product(*(_numbers(library_component, n) for n in remaining)):
+                        units = {n: _unit((library_component.parameters[n] if n in library_component.parameters
+                                           else library_component.signals[n]).unit.text)
                                  for n in places}
-                        yield Match(own.name, ports, dict(zip(chosen, law.parameters, strict=True)),
+                        yield Match(library_component.name, ports, dict(zip(chosen, law.parameters, strict=True)),
                                     dict(zip(remaining, numbers, strict=True)), units,
-                                    any_domain=any(p.domain == "$D" for p in own.ports.values()))
+                                    any_domain=any(p.domain == "$D" for p in library_component.ports.values()))
 
 
-def _numbers(own: definition.Component, name: str) -> tuple[float, ...]:
-    default = own.parameters[name].default if name in own.parameters else None
+def _numbers(library_component: definition.Component, name: str) -> tuple[float, ...]:
+    default = library_component.parameters[name].default if name in library_component.parameters else None
     known = (float(default),) if isinstance(default, (int, float)) else ()
     return (*known, *(n for n in NUMBERS if n not in known))
 
 
-def _within_bounds(made: Component, own: definition.Component, match: Match) -> bool:
+def _within_bounds(component: Component, library_component: definition.Component, match: Match) -> bool:
     """True if the library's bounds and requirements permit the values."""
-    values: dict[str, complex] = {**match.numbers, **{n: made.items[p].value or 0.0 for n, p in match.parameters.items()}}
-    for name, parameter in own.parameters.items():
+    values: dict[str, complex] = {**match.numbers,
+                                  **{n: component.items[p].value or 0.0 for n, p in match.parameters.items()}}
+    for name, parameter in library_component.parameters.items():
         value = values[name].real
         if (parameter.low is not None and value < parameter.low) or (parameter.high is not None and value > parameter.high):
             return False
         if parameter.low == 0 and value == 0:  # the library may divide by it
             return False
     try:
-        return all(_true(r.tree, Point(values)) for r in own.requires)
+        return all(_true(r.tree, Point(values)) for r in library_component.requires)
     except (ValueError, KeyError, ZeroDivisionError):
         return False
 
 
-def _agree(law: Law, other: Law, match: Match) -> bool:
+def _agree(law: Law, library_law: Law, match: Match) -> bool:
     """True if the same port quantities solve both, at random values of everything else."""
     draw = random.Random(7)
     ports = 2 * len(law.bonds) + len(law.outputs)
     order = [q for p in law.bonds for q in (f"{match.ports[p]}.e", f"{match.ports[p]}.f")] + \
         [match.ports[n] for n in law.outputs]
-    theirs = [*(f"{p}.{q}" for p in other.bonds for q in "ef"), *other.outputs]
+    theirs = [*(f"{p}.{q}" for p in library_law.bonds for q in "ef"), *library_law.outputs]
     columns = [theirs.index(n) for n in order]
-    choices = (law.choices, other.choices)
+    choices = (law.choices, library_law.choices)
     met: tuple[Taken, Taken] = (set(), set())
     for _ in range(TRIALS_OF_CHOICES if any(choices) else TRIALS):
         known: dict[str, complex] = {n: draw.choice((-1, 1)) * draw.uniform(0.3, 3) for n in (*law.inputs, "time")}
@@ -412,7 +418,7 @@ def _agree(law: Law, other: Law, match: Match) -> bool:
         s = complex(draw.uniform(0.3, 2), draw.uniform(0.3, 2))
         try:
             mine = _ports_only(_matrix(law, Point(known, s, met[0])), ports)
-            yours = _ports_only(_matrix(other, Point(mapped, s, met[1])), ports)
+            yours = _ports_only(_matrix(library_law, Point(mapped, s, met[1])), ports)
         except (ValueError, KeyError, ZeroDivisionError, OverflowError, TypeError):
             return False
         yours = yours[:, [*columns, ports]]
@@ -423,22 +429,23 @@ def _agree(law: Law, other: Law, match: Match) -> bool:
     return all(len(outcomes) == 2 * count for outcomes, count in zip(met, choices, strict=True))
 
 
-def _with_states(made: Component, law: Law, own: definition.Component, other: Law, match: Match) -> Match | None:
+def _with_states(component: Component, law: Law, library_component: definition.Component, library_law: Law,
+                 match: Match) -> Match | None:
     """The match with the initial values of the states of the library, which must be port quantities: at the start they
     follow from the imported states by the imported equations without derivatives."""
-    if not other.states:
+    if not library_law.states:
         return match if not law.states else None
-    known: dict[str, complex] = {"time": 0.0, **{n: made.items[n].value or 0.0 for n in law.parameters}}
+    known: dict[str, complex] = {"time": 0.0, **{n: component.items[n].value or 0.0 for n in law.parameters}}
     at_once = [e for e in law.equations if not _dynamic(e) and not _has(e, law.inputs)]  # for all values of the inputs
     columns = [*(f"{p}.{q}" for p in law.bonds for q in "ef"), *law.outputs, *law.inner]
     rows = _matrix(law, Point({**known, **dict.fromkeys(law.inputs, 0.0)}, 1j), at_once)
-    for state, first in made.initial.items():
+    for state, first in component.initial.items():
         row = np.zeros(len(columns) + 1, complex)
         row[columns.index(state)], row[-1] = 1, -first.value
         rows = np.vstack([rows, row])
     back = {match.ports[p]: p for p in (*law.bonds, *law.outputs)}
     initial_values: dict[str, float] = {}
-    for state in sorted(other.states):
+    for state in sorted(library_law.states):
         port, _, quantity = state.partition(".")
         if port not in back:
             return None

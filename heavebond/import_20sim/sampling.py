@@ -161,10 +161,10 @@ def sampling(root: Submodel, sample_times: Mapping[str, float]) -> Sampling:
     return found
 
 
-def _times(graph: _Graph, inputs: Mapping[int, Mapping[str, list[End]]], found: Sampling, stated: Mapping[str, float]
+def _times(graph: _Graph, inputs: Mapping[int, Mapping[str, list[End]]], result: Sampling, stated: Mapping[str, float]
            ) -> dict[int, float]:
     """The sample times that reach a submodel from a given one through the signals of a discrete system."""
-    acts = {leaf for leaf, called in graph.calls.items() if leaf in found.discrete or called & (DISCRETE | {"hold"})}
+    acts = {leaf for leaf, called in graph.calls.items() if leaf in result.discrete or called & (DISCRETE | {"hold"})}
     beside: dict[int, set[int]] = {leaf: set() for leaf in graph.leaves}
     for leaf, named in inputs.items():
         for sources in named.values():
@@ -179,7 +179,7 @@ def _times(graph: _Graph, inputs: Mapping[int, Mapping[str, list[End]]], found: 
         while front:
             times[now := front.pop()] = time
             front += [neighbour for neighbour in beside[now] if neighbour not in times]
-    for leaf, held in found.held.items():  # continuous ones that take its signals
+    for leaf, held in result.held.items():  # continuous ones that take its signals
         known_times = [times[source] for name in held for source, _ in inputs[leaf][name] if source in times]
         times.update({leaf: known_times[0]} if known_times and leaf not in times else {})
     return times

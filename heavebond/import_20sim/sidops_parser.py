@@ -55,20 +55,20 @@ def _submodel(reader: Reader, name: str) -> Submodel:
     return submodel
 
 
-def _specifications(reader: Reader, found: Submodel) -> None:
+def _specifications(reader: Reader, submodel: Submodel) -> None:
     """One of several implementations: the active one is kept."""
     reader.need("active")
     active = reader.take().text
     while reader.skip("specification"):
         chosen = reader.take().text == active
-        inner = Submodel(found.name, reader.now.line, found.x, found.y)
+        inner = Submodel(submodel.name, reader.now.line, submodel.x, submodel.y)
         _placement(reader)
         _body(reader, inner)
         _placement(reader)
         reader.need("specification_end")
         reader.skip(";")
         if chosen:
-            found.__dict__.update(inner.__dict__)
+            submodel.__dict__.update(inner.__dict__)
     reader.need("end")
     reader.skip(";")
 
@@ -79,21 +79,21 @@ def _placement(reader: Reader) -> None:
         reader.take()
 
 
-def _body(reader: Reader, found: Submodel) -> None:
-    _description(reader, found)
-    found.knot = reader.now.word == "knot"
+def _body(reader: Reader, submodel: Submodel) -> None:
+    _description(reader, submodel)
+    submodel.knot = reader.now.word == "knot"
     if not reader.skip("type", "knot"):
         raise Unreadable(reader.now.line, f"'type' is missing before '{reader.now.text[:30]}'")
-    found.type = reader.take().text.strip("'")
+    submodel.type = reader.take().text.strip("'")
     while reader.now.kind != "end" and not reader.skip("end"):
         if reader.skip("ports"):
             while reader.now.kind == "name" and reader.now.word not in ("end", "parameters", "restrictions", "variables",
                                                                         "description"):
-                found.ports.append(_port(reader))
+                submodel.ports.append(_port(reader))
         elif reader.skip("parameters"):
-            found.parameters += reader.declarations(found.problems)
+            submodel.parameters += reader.declarations(submodel.problems)
         elif reader.skip("variables", "constants"):
-            found.variables += reader.declarations(found.problems)
+            submodel.variables += reader.declarations(submodel.problems)
         elif reader.skip("restrictions"):
             while reader.now.word in ("causality", "fixed", "constraint"):
                 reader.to_semicolon()
@@ -104,26 +104,26 @@ def _body(reader: Reader, found: Submodel) -> None:
         if reader.now.word == "icon":
             _drawing(reader)
         else:
-            _description(reader, found)
+            _description(reader, submodel)
     if not reader.skip("implementation"):
         return
     kind = reader.take().word
     if kind == "bg":
-        _graph(reader, found)
+        _graph(reader, submodel)
     elif kind == "eq":
-        found.equations = _equations(reader)
+        submodel.equations = _equations(reader)
     else:
-        found.problems.append((reader.now.line, f"an implementation `{kind}` is not translated"))
+        submodel.problems.append((reader.now.line, f"an implementation `{kind}` is not translated"))
         while reader.now.kind != "end" and reader.now.word != "implementation_end":
             reader.take()
     reader.need("implementation_end")
     reader.skip(";")
     # some elements of the library have their last equations after `implementation_end`
-    while found.equations and reader.now.kind == "name" and reader.tokens[reader.at + 1].text in ("=", "["):
-        found.equations.equations += reader.statements("specification", "end")
+    while submodel.equations and reader.now.kind == "name" and reader.tokens[reader.at + 1].text in ("=", "["):
+        submodel.equations.equations += reader.statements("specification", "end")
 
 
-def _description(reader: Reader, found: Submodel) -> None:
+def _description(reader: Reader, submodel: Submodel) -> None:
     """Skip descriptions, except for the global relations in them."""
     while reader.skip("description", "help"):
         while reader.now.kind == "string":
@@ -132,8 +132,8 @@ def _description(reader: Reader, found: Submodel) -> None:
                 line = token.line + token.text.count("\n", 0, relations.start(1))
                 text = html.unescape(relations.group(1))
                 inner = Reader(tokenise(text, reader.file, line), reader.file)
-                found.comments.update(inner.comments)
-                found.relations = _equations(inner)
+                submodel.comments.update(inner.comments)
+                submodel.relations = _equations(inner)
         reader.skip(";")
 
 
@@ -203,16 +203,16 @@ def _equations(reader: Reader) -> Equations:
     return equations
 
 
-def _graph(reader: Reader, found: Submodel) -> None:
+def _graph(reader: Reader, submodel: Submodel) -> None:
     while reader.now.kind != "end" and reader.now.word != "implementation_end":
         if reader.skip("submodels"):
             while reader.now.kind in ("name", "string") and reader.now.word != "end":
-                _part(reader, found)
+                _part(reader, submodel)
             reader.need("end")
             reader.skip(";")
         elif reader.skip("connections"):
             while reader.now.kind in ("name", "string") and reader.now.word != "end":
-                found.connections.append(_connection(reader))
+                submodel.connections.append(_connection(reader))
             reader.need("end")
             reader.skip(";")
         elif reader.now.word in ("figures", "variables", "parameters"):
@@ -222,12 +222,12 @@ def _graph(reader: Reader, found: Submodel) -> None:
             reader.take()
 
 
-def _part(reader: Reader, found: Submodel) -> None:
+def _part(reader: Reader, submodel: Submodel) -> None:
     token = reader.take()
     if token.word == "plug" and reader.now.kind == "name":
         reader.to_semicolon()
         return
-    found.submodels.append(_submodel(reader, token.text.strip("'")))
+    submodel.submodels.append(_submodel(reader, token.text.strip("'")))
 
 
 def _end(reader: Reader) -> str:

@@ -24,10 +24,10 @@ def shift_time(submodel: Submodel, start: float) -> None:
         shift_time(part, start)
 
 
-def _shift(own: Equations, start: float) -> None:
-    declared = {d.name.lower() for d in (*own.constants, *own.parameters, *own.variables)}
+def _shift(equations: Equations, start: float) -> None:
+    declared = {d.name.lower() for d in (*equations.constants, *equations.parameters, *equations.variables)}
     if "time" not in declared:
-        for section in (own.initial, own.equations, own.code):
+        for section in (equations.initial, equations.equations, equations.code):
             section[:] = _statements(section, start)
 
 

@@ -16,34 +16,35 @@ BETWEEN = (0.0, 0.25, 0.7)  # shares of an interval at which both must agree
 SAME = 1e-9  # relative to the range of the values
 
 
-def table_match(made: Component) -> Match | None:
+def table_match(component: Component) -> Match | None:
     """A component that is only a table of its inputs or of the time."""
-    if made.events or made.untranslated or made.gives or len(made.of_kind("out")) != 1 or made.of_kind("bond", "held") or \
-            made.initial:
+    if component.events or component.untranslated or component.gives or len(component.of_kind("out")) != 1 \
+            or component.of_kind("bond", "held") or component.initial:
         return None
-    if [len(table) for table in made.tables.values()] == [3]:
-        return _of_grid(made)
-    if len(made.of_kind("in")) > 1:
+    if [len(table) for table in component.tables.values()] == [3]:
+        return _of_grid(component)
+    if len(component.of_kind("in")) > 1:
         return None
-    if not made.tables:
-        return _of_matrix(made)
-    if len(made.equations) != 1 or len(made.items) > 2:
+    if not component.tables:
+        return _of_matrix(component)
+    if len(component.equations) != 1 or len(component.items) > 2:
         return None
-    left, right, _ = made.equations[0]
-    if right.op != "table" or left.op != "name" or made.items[left.name].kind != "out" or right.args[0].op != "name":
+    left, right, _ = component.equations[0]
+    if right.op != "table" or left.op != "name" or component.items[left.name].kind != "out" or right.args[0].op != "name":
         return None
     input_name = right.args[0].name
-    if input_name == "time" and len(made.items) == 1:
-        return _match(made, "time")
-    return _match(made, input_name) if input_name in made.items and made.items[input_name].kind == "in" else None
+    if input_name == "time" and len(component.items) == 1:
+        return _match(component, "time")
+    return _match(component,
+                  input_name) if input_name in component.items and component.items[input_name].kind == "in" else None
 
 
-def _of_grid(made: Component) -> Match | None:
+def _of_grid(component: Component) -> Match | None:
     """A component whose output is a table of its two inputs."""
-    formulas = {left.name: right for left, right, _ in made.equations if left.op == "name"}
-    inputs, output = [item.name for item in made.of_kind("in")], made.of_kind("out")[0].name
+    formulas = {left.name: right for left, right, _ in component.equations if left.op == "name"}
+    inputs, output = [item.name for item in component.of_kind("in")], component.of_kind("out")[0].name
     value, input_names = formulas.get(output), []
-    if value is None or value.op != "table2" or made.shared:
+    if value is None or value.op != "table2" or component.shared:
         return None
     for e in value.args:
         while e.op == "name" and e.name in formulas:
@@ -55,8 +56,8 @@ def _of_grid(made: Component) -> Match | None:
                  lists={"x": "x_1", "y": "x_2", "v": "v"})
 
 
-def _match(made: Component, given: str) -> Match:
-    output = made.of_kind("out")[0].name
+def _match(component: Component, given: str) -> Match:
+    output = component.of_kind("out")[0].name
     if given == "time":
         return Match("TableSource", {output: "y"}, {}, {}, {}, lists={"x": "t", "v": "v"})
     return Match("Lookup", {output: "y", given: "u"}, {}, {}, {}, lists={"x": "x", "v": "v"})
@@ -88,10 +89,10 @@ def _of_matrix(made: Component) -> Match | None:
     return _match(made, input_name)
 
 
-def _agrees(made: Component, known: Mapping[str, float], expected: float, tolerance: float) -> bool:
+def _agrees(component: Component, known: Mapping[str, float], expected: float, tolerance: float) -> bool:
     """True if the output has the expected value, computed from the known quantities."""
-    at, output = dict(known), made.of_kind("out")[0].name
-    known_values = [(a.name, b) for a, b, _ in made.equations if a.op == "name"]
+    at, output = dict(known), component.of_kind("out")[0].name
+    known_values = [(a.name, b) for a, b, _ in component.equations if a.op == "name"]
     while output not in at:
         new = {name: value for name, formula in known_values if name not in at and (value := fold(formula, at)) is not None}
         if not new:

@@ -36,30 +36,30 @@ KEYS = ("class", "description", "attaches", "amplitude", "search_range", "also",
         "meaning", "requires", "acts", "varies_with")
 
 
-def read_search_range(node: Node | None, unit: Unit, variables: Dictionary[str, Variable], what: str, problems: Problems
+def read_search_range(node: Node | None, unit: Unit, variables: Dictionary[str, Variable], subject: str, problems: Problems
                       ) -> SearchRange | None:
     """Read `1 .. 200 mm/s`, or `seen s`: the range of the component's variable s in the records; or `middle s`, `half s`,
     `peak s`: a fixed value computed from that motion."""
-    content = reading.text(node, what, problems)
+    content = reading.text(node, subject, problems)
     if node is None or not content:
         return None
     first, _, name = content.partition(" ")
     if first in ("seen", *HELD):
         if name not in variables:
-            problems.add("effect-seen-unknown", f"{what} is sought over the motion of '{name}', which is not a variable "
+            problems.add("effect-seen-unknown", f"{subject} is sought over the motion of '{name}', which is not a variable "
                          "of this component", node.place,
                          hint=suggest(name, variables) or f"Variables: {listing(variables)}.")
             return None
         if variables[name].unit.dimension != unit.dimension:
-            problems.add("unit-wrong", f"{what} is in {unit.text}, '{name}' in {variables[name].unit.text}", node.place,
-                         hint=f"Name a variable in {unit.text}, or give a range: `{what}: low .. high {unit.text}`.")
+            problems.add("unit-wrong", f"{subject} is in {unit.text}, '{name}' in {variables[name].unit.text}", node.place,
+                         hint=f"Name a variable in {unit.text}, or give a range: `{subject}: low .. high {unit.text}`.")
             return None
         return SearchRange(None, name, node.place, first if first in HELD else "")
     try:
         range_read = parse_range(content)
         _check_ends(range_read, unit, content)
     except UnitProblem as problem:
-        problems.add(problem.code, f"{what}: {problem.message}", node.place,
+        problems.add(problem.code, f"{subject}: {problem.message}", node.place,
                      hint=problem.hint or "Write `1 .. 200 mm/s`, or `seen s` with a variable s of the component.")
         return None
     return SearchRange(range_read, "", node.place)
@@ -87,12 +87,12 @@ def read_meaning(node: Node | None, problems: Problems) -> Meaning | None:
     return Meaning(tuple(pieces[::2]), tuple(fields), node.place)
 
 
-def read_typical(node: Node | None, unit: Unit, what: str, problems: Problems) -> Typical | None:
+def read_typical(node: Node | None, unit: Unit, subject: str, problems: Problems) -> Typical | None:
     """`{range: 2 .. 25 W/(m**2*K), source: VDI Heat Atlas}`."""
     entry = reading.mapping(node, "typical", problems, "Write `typical: {range: 2 .. 25 mm, source: VDI Heat Atlas}`.")
     if entry is None:
         return None
-    reading.known_keys(entry, ("range", "source"), f"typical values of {what}", problems, ("source",))
+    reading.known_keys(entry, ("range", "source"), f"typical values of {subject}", problems, ("source",))
     range_read: Range | None = None
     content = reading.text(entry.items.get("range"), "range", problems)
     try:
@@ -100,14 +100,14 @@ def read_typical(node: Node | None, unit: Unit, what: str, problems: Problems) -
             range_read = parse_range(content)
             _check_ends(range_read, unit, content)
     except UnitProblem as problem:
-        problems.add(problem.code, f"{what}: {problem.message}", entry.items["range"].place, hint=problem.hint)
+        problems.add(problem.code, f"{subject}: {problem.message}", entry.items["range"].place, hint=problem.hint)
         range_read = None
     return Typical(range_read, reading.text(entry.items.get("source"), "source", problems))
 
 
-def _check_ends(found: Range, unit: Unit, said: str) -> None:
+def _check_ends(limits: Range, unit: Unit, text: str) -> None:
     if not is_generic(unit.dimension):
-        check_unit(found.unit, unit, found.low, said)
+        check_unit(limits.unit, unit, limits.low, text)
 
 
 @dataclass(frozen=True)
@@ -194,8 +194,8 @@ class EffectReader:
         signals = [f"{s.name} (signal {s.direction}, {s.unit.text})" for s in self.signals.values()]
         return listing([*ports, *signals]) or "no ports"
 
-    def _entries(self, node: Node | None, what: str) -> list[tuple[Scalar, Node]]:
-        entries = reading.mapping(node, what, self.problems)
+    def _entries(self, node: Node | None, subject: str) -> list[tuple[Scalar, Node]]:
+        entries = reading.mapping(node, subject, self.problems)
         return [(entries.keys[name], item) for name, item in entries.items.items()] if entries else []
 
     def _parameter(self, name: str, place: Place) -> Parameter | None:
@@ -221,9 +221,9 @@ class EffectReader:
                 amplitudes[word.text] = None
         return amplitudes
 
-    def _shapes(self, node: Node | None, what: str) -> dict[str, SearchRange]:
+    def _shapes(self, node: Node | None, subject: str) -> dict[str, SearchRange]:
         shapes = {}
-        for key, item in self._entries(node, what):
+        for key, item in self._entries(node, subject):
             parameter = self._parameter(key.text, key.place)
             if parameter is not None:
                 search_range = read_search_range(item, parameter.unit, self.variables, key.text, self.problems)

@@ -80,10 +80,10 @@ def _walk(expr: Expr) -> Iterator[Expr]:
         yield from _walk(child)
 
 
-def _only_parameters(component: Component, name: Name, what: str) -> None:
+def _only_parameters(component: Component, name: Name, subject: str) -> None:
     if name.text not in component.parameters and name.text != "pi":
         known = list(component.parameters)
-        raise ExpressionProblem("not-a-parameter", f"{what} must be known before the run, but '{name.text}' is not a "
+        raise ExpressionProblem("not-a-parameter", f"{subject} must be known before the run, but '{name.text}' is not a "
                                 f"parameter of {component.name}", name.column, name.length, suggest(name.text, known)
                                 or (f"Parameters: {listing(known)}." if known else "Declare it under `parameters:`."))
 

@@ -57,8 +57,8 @@ def described(path: Path) -> tuple[str, Foreign]:
     return _text(path, description, known), foreign
 
 
-def _unusable(path: Path, what: str, hint: str) -> ModelError:
-    return ModelError([Problem("fmu-unusable", f"{path.name} {what}", None, hint)])
+def _unusable(path: Path, defect: str, hint: str) -> ModelError:
+    return ModelError([Problem("fmu-unusable", f"{path.name} {defect}", None, hint)])
 
 
 def _read(path: Path) -> Any:
@@ -124,15 +124,15 @@ def _variable(v: Any, names: _Names, units: _Units) -> tuple[ForeignVariable, st
     return ForeignVariable(names(v.name), v.name, v.type, int(v.valueReference), scale, offset), unit, v
 
 
-def _number(v: Any, found: ForeignVariable) -> float:
+def _number(v: Any, variable: ForeignVariable) -> float:
     """The start value in SI."""
     text = str(v.start if v.start is not None else 0).strip().lower()
     try:
         start = number({"true": "1", "false": "0"}.get(text, text.split()[0] if text else "0"))
     except ValueError:
-        raise ModelError([Problem("fmu-unusable", f"the start value of {found.own}, '{text[:30]}', is not a number", None,
+        raise ModelError([Problem("fmu-unusable", f"the start value of {variable.own}, '{text[:30]}', is not a number", None,
                                   "Export it again, with decimal points.")]) from None
-    return start * found.scale + found.offset
+    return start * variable.scale + variable.offset
 
 
 def _text(path: Path, description: Any, known: dict[str, list[tuple[ForeignVariable, str | None, Any]]]) -> str:
@@ -167,18 +167,18 @@ def _quantity(number: float, unit: str | None) -> str:
     return f"{number!r} {unit}"
 
 
-def _bounds(v: Any, found: ForeignVariable, unit: str | None) -> str:
+def _bounds(v: Any, variable: ForeignVariable, unit: str | None) -> str:
     """The bounds of a parameter for its declaration; non-numeric bounds are omitted."""
     texts = []
     for name in ("min", "max"):
         bound_value = getattr(v, name, None)
         try:
             bound = number(str(bound_value if bound_value is not None
-                               else getattr(v.declaredType, name, None)).strip()) * found.scale
+                               else getattr(v.declaredType, name, None)).strip()) * variable.scale
         except ValueError:
             continue
-        if abs(bound + found.offset) <= LARGEST:
-            texts.append(f", {name}: {_quantity(bound + found.offset, unit)}")
+        if abs(bound + variable.offset) <= LARGEST:
+            texts.append(f", {name}: {_quantity(bound + variable.offset, unit)}")
     return "".join(texts)
 
 

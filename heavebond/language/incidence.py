@@ -98,8 +98,8 @@ def _kind(coefficient: ca.SX, unknown: int, constants: set[int]) -> int | None:
     return NONLINEAR if unknown in hashes else None
 
 
-def _sign(found: Interval) -> int:
-    low, high = found
+def _sign(interval: Interval) -> int:
+    low, high = interval
     return DEFINITE if low >= 0 or high <= 0 else INDEFINITE
 
 

@@ -169,18 +169,18 @@ def _with_index(scope: Scope, line: EquationLine) -> Lookup:
     return lambda name: ONE if name.text == index else scope(name)
 
 
-def _formula(formula: Formula, wanted: Dimension, what: str, wanted_text: str, scope: Scope,
+def _formula(formula: Formula, wanted: Dimension, subject: str, wanted_text: str, scope: Scope,
              problems: Problems) -> None:
     try:
         dimension_found = dimension(formula.tree, scope)
-        Lengths(scope.length, exact=False).number(formula.tree, f"`{what}:`")
+        Lengths(scope.length, exact=False).number(formula.tree, f"`{subject}:`")
     except ExpressionProblem as problem:
         reading.add_expression_problem(problem, formula.place, problems)
         return
     generic = dimension_found is not None and any("$" in base for base, _ in dimension_found)
     if dimension_found is not None and dimension_found != wanted and not generic:
         actual = "a comparison" if dimension_found == TRUTH else f"in {dimension_text(dimension_found)}"
-        problems.add("units-differ", f"`{what}:` must be {wanted_text}; this is {actual}", formula.place,
+        problems.add("units-differ", f"`{subject}:` must be {wanted_text}; this is {actual}", formula.place,
                      hint="Check the factors of the formula." if wanted != TRUTH else "Write a relation of parameters.")
 
 

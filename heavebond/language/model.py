@@ -388,8 +388,8 @@ def _kept_settings(base: Model, body: Body) -> dict[str, Setting]:
     return {path: setting for path, setting in base.settings.items() if not lost(path)}
 
 
-def _values(node: Node | None, what: str, problems: Problems) -> dict[str, Value]:
-    entries = reading.mapping(node, what, problems)
+def _values(node: Node | None, subject: str, problems: Problems) -> dict[str, Value]:
+    entries = reading.mapping(node, subject, problems)
     values_by_name = {}
     for name, item in (entries.items if entries else {}).items():
         if entries and reading.identifier(entries.keys[name], "a parameter", problems):

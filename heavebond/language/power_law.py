@@ -148,11 +148,12 @@ def _sizes(members: tuple[tuple[tuple[Dimension, float], ...], ...]) -> dict[Dim
     return size_by_dimension
 
 
-def _note(found: dict[Dimension, float], quantities: Iterable[tuple[Dimension, float]], orders: Iterable[int]) -> None:
+def _note(size_by_dimension: dict[Dimension, float], quantities: Iterable[tuple[Dimension, float]],
+          orders: Iterable[int]) -> None:
     """Add the quantities times powers of a second if their dimension is new."""
     for k in orders:
         for dimension, size in quantities:
-            found.setdefault(times(dimension, SECOND, k), size)
+            size_by_dimension.setdefault(times(dimension, SECOND, k), size)
 
 
 class _Trial:

@@ -57,41 +57,41 @@ EXAMPLES = {"interpolation": "`interpolation: spline` (for smooth signals), `lin
             "column": "`column: name_in_the_file`"}
 
 
-def known_keys(node: Mapping, allowed: Iterable[str], what: str, problems: Problems,
+def known_keys(node: Mapping, allowed: Iterable[str], subject: str, problems: Problems,
                required: Iterable[str] = ()) -> None:
-    """Check that every key is known to `what`, and that no required key is missing."""
+    """Check that every key is known to `subject`, and that no required key is missing."""
     allowed = list(allowed)
     missing_colon = set()
     for name, key in node.keys.items():
         if name not in allowed:
             missing_colon.add(nearest(name, allowed))
             head, bracket, _ = name.partition(" {")
-            problems.add("key-unknown", f"{what} has no entry '{name}'", key.place,
+            problems.add("key-unknown", f"{subject} has no entry '{name}'", key.place,
                          hint=(f"A colon is missing: write `{head}: {{...}}`." if bracket and head in allowed else "")
                          or suggest(name, allowed) or f"Known: {', '.join(allowed)}.")
     for name in required:
         if name not in node.items and name not in missing_colon:
-            problems.add("key-missing", f"{what} needs the entry '{name}'", node.place,
+            problems.add("key-missing", f"{subject} needs the entry '{name}'", node.place,
                          hint=f"Add {EXAMPLES.get(name, f'`{name}: ...`')}.")
 
 
-def mapping(node: Node | None, what: str, problems: Problems, hint: str = "") -> Mapping | None:
+def mapping(node: Node | None, subject: str, problems: Problems, hint: str = "") -> Mapping | None:
     """The node as a mapping; a problem and None if it has another form."""
     if node is None or isinstance(node, Mapping):
         return node
-    problems.add("not-a-mapping", f"{what} is {node.kind}; `key: value` entries are expected", node.place,
+    problems.add("not-a-mapping", f"{subject} is {node.kind}; `key: value` entries are expected", node.place,
                  hint=hint or "Write `{key: value, ...}`, or one `key: value` a line, indented.")
     return None
 
 
-def declarations(node: Node | None, what: str, build: Callable[[Scalar, Mapping], D], problems: Problems) -> dict[str, D]:
+def declarations(node: Node | None, subject: str, build: Callable[[Scalar, Mapping], D], problems: Problems) -> dict[str, D]:
     """Apply `build` to each declaration `name: {unit: ..., doc: ...}`, by name; malformed declarations are omitted with a
     problem."""
-    entries = mapping(node, what, problems)
+    entries = mapping(node, subject, problems)
     built: dict[str, D] = {}
     for name, item in (entries.items if entries else {}).items():
         key = entries.keys[name] if entries else None
-        if key is None or not identifier(key, f"one of the {what}", problems):
+        if key is None or not identifier(key, f"one of the {subject}", problems):
             continue
         entry = mapping(item, f"'{name}'", problems, f"Write `{name}: {{unit: ..., doc: ...}}`.")
         if entry is not None:
@@ -99,27 +99,28 @@ def declarations(node: Node | None, what: str, build: Callable[[Scalar, Mapping]
     return built
 
 
-def text(node: Node | None, what: str, problems: Problems, default: str = "") -> str:
+def text(node: Node | None, subject: str, problems: Problems, default: str = "") -> str:
     """The node as plain text."""
     if node is None:
         return default
     if isinstance(node, Scalar):
         return " ".join(node.text.split())
-    problems.add("not-text", f"{what} is {node.kind}; text is expected", node.place, hint="Write a plain text.")
+    problems.add("not-text", f"{subject} is {node.kind}; text is expected", node.place, hint="Write a plain text.")
     return default
 
 
-def choice(node: Node | None, what: str, allowed: tuple[str, ...], problems: Problems) -> str:
+def choice(node: Node | None, subject: str, allowed: tuple[str, ...], problems: Problems) -> str:
     """The node as one of the words allowed; empty if it is absent or, with a problem, another word."""
-    word_read = text(node, what, problems)
+    word_read = text(node, subject, problems)
     if node is None or not word_read or word_read in allowed:
         return word_read
-    problems.add(f"{what}-unknown", f"`{what}: {word_read}` is not known", node.place,
-                 hint=suggest(word_read, allowed) or "Write " + " or ".join(f"`{what}: {word}`" for word in allowed) + ".")
+    problems.add(f"{subject}-unknown", f"`{subject}: {word_read}` is not known", node.place,
+                 hint=suggest(word_read, allowed) or "Write " + " or ".join(f"`{subject}: {word}`" for word in allowed)
+                 + ".")
     return ""
 
 
-def words(node: Node | None, what: str, problems: Problems) -> list[Scalar]:
+def words(node: Node | None, subject: str, problems: Problems) -> list[Scalar]:
     """The node as a list of texts; a single text counts as a list."""
     if node is None:
         return []
@@ -129,21 +130,21 @@ def words(node: Node | None, what: str, problems: Problems) -> list[Scalar]:
         if isinstance(item, Scalar):
             scalars.append(item)
         else:
-            problems.add("not-text", f"{what} holds {item.kind}; text is expected", item.place,
+            problems.add("not-text", f"{subject} holds {item.kind}; text is expected", item.place,
                          hint="Write a list of words: `[one, two]`.")
     return scalars
 
 
-def identifier(key: Scalar, what: str, problems: Problems) -> bool:
+def identifier(key: Scalar, subject: str, problems: Problems) -> bool:
     """True if the key is a name: letters, digits and underscores, and not a keyword of formulas."""
     if not IDENTIFIER.fullmatch(key.text):
         plain = re.sub(r"\W+", "_", key.text).strip("_")
         hint = f" Write for example `{plain}`." if IDENTIFIER.fullmatch(plain) else ""
-        problems.add("name-bad", f"'{key.text}' cannot name {what}", key.place,
+        problems.add("name-bad", f"'{key.text}' cannot name {subject}", key.place,
                      hint=f"A name has letters, digits and `_`, and begins with a letter.{hint}")
         return False
     if key.text in RESERVED:
-        problems.add("name-bad", f"'{key.text}' cannot name {what}; it has a meaning in formulas", key.place,
+        problems.add("name-bad", f"'{key.text}' cannot name {subject}; it has a meaning in formulas", key.place,
                      hint="Take another name.")
         return False
     return True
@@ -165,11 +166,11 @@ def add_expression_problem(problem: ExpressionProblem, place: Place, problems: P
     problems.add(problem.code, problem.message, place.moved(problem.column, problem.length), hint=problem.hint)
 
 
-def value(node: Node, what: str, problems: Problems, declared: Declared | None = None) -> Value | None:
+def value(node: Node, subject: str, problems: Problems, declared: Declared | None = None) -> Value | None:
     """Read a quantity (`42 kN/m`), arithmetic of quantities (`2 * 460 L/min`), or a formula (`=m_cart`). `declared` gives
     the declaration of the parameter, if there is one, for a message."""
     if not isinstance(node, Scalar):
-        problems.add("not-a-value", f"{what} is {node.kind}; a quantity is expected", node.place,
+        problems.add("not-a-value", f"{subject} is {node.kind}; a quantity is expected", node.place,
                      hint="Write for example `42 kN/m`, or a formula that begins with `=`.")
         return None
     content = node.text.strip()
@@ -182,67 +183,67 @@ def value(node: Node, what: str, problems: Problems, declared: Declared | None =
         number, unit = parse_quantity(content)
         return Value(Number(number, unit, 0), content, start)
     except UnitProblem as problem:
-        return _arithmetic(content, start, what, problem, problems, declared)
+        return _arithmetic(content, start, subject, problem, problems, declared)
 
 
-def seconds(node: Node | None, what: str, problems: Problems) -> float | None:
+def seconds(node: Node | None, subject: str, problems: Problems) -> float | None:
     """A time (`72 s`, `2 min`) in s; None if it is absent."""
-    read = value(node, what, problems) if node is not None else None
+    read = value(node, subject, problems) if node is not None else None
     number = constant(read.expr) if read is not None else None
     if read is None or number is None:
         return None
     try:
         check_unit(getattr(read.expr, "unit", None), read_unit("s"), number, read.text)
     except UnitProblem as problem:
-        problems.add(problem.code, f"{what}: {problem.message}", read.place, hint=problem.hint)
+        problems.add(problem.code, f"{subject}: {problem.message}", read.place, hint=problem.hint)
     return number
 
 
-def _arithmetic(content: str, place: Place, what: str, problem: UnitProblem, problems: Problems,
+def _arithmetic(content: str, place: Place, subject: str, problem: UnitProblem, problems: Problems,
                 declared: Declared | None) -> Value | None:
     """Read arithmetic of quantities; if that fails as well, report the problem of the quantity."""
     if (several := _range_of(content)) is not None:
-        problems.add("not-a-quantity", f"{what}: '{content}' is a {several}; one value is expected", place,
+        problems.add("not-a-quantity", f"{subject}: '{content}' is a {several}; one value is expected", place,
                      hint=f"Write one value. A {several} belongs under `free:` of an experiment.")
         return None
-    code, message, hint = problem.code, f"{what}: {problem.message}", problem.hint
+    code, message, hint = problem.code, f"{subject}: {problem.message}", problem.hint
     try:
         expr = parse_formula(content)
         used = [n.text for n in names(expr) if n.text != "pi"]
         if problem.code == "not-a-quantity" and not used:
             return Value(expr, content, place)
         if problem.code == "not-a-quantity":
-            code, message, hint = _unmarked(content, what, declared() if declared is not None else None)
+            code, message, hint = _unmarked(content, subject, declared() if declared is not None else None)
     except ExpressionProblem as other:
         if problem.code == "not-a-quantity" and any(sign in content for sign in "+*/()"):
             add_expression_problem(other, place, problems)
             return None
     if hint == AS_QUANTITY:
-        hint = f"{_example(what, declared() if declared is not None else None)}, or a formula that begins with `=`."
+        hint = f"{_example(subject, declared() if declared is not None else None)}, or a formula that begins with `=`."
     problems.add(code, message, place, hint=hint)
     return None
 
 
-def _unmarked(content: str, what: str, parameter: Parameter | SignalPort | None) -> tuple[str, str, str]:
+def _unmarked(content: str, subject: str, parameter: Parameter | SignalPort | None) -> tuple[str, str, str]:
     """Problem for a text of names instead of a quantity: a formula without its `=`, or an unknown word."""
-    example = _example(what, parameter)
+    example = _example(subject, parameter)
     if content.lower() in SWITCHES:
         switch = parameter is None or parameter.unit.text == "1"
-        return "not-a-quantity", f"{what}: '{content}' is a word, not a number", \
+        return "not-a-quantity", f"{subject}: '{content}' is a word, not a number", \
             f"Write {SWITCHES[content.lower()]}." if switch else f"{example}."
     if re.fullmatch(r"\w+", content):
-        return "formula-unmarked", f"{what}: '{content}' is not a number with a unit", \
+        return "formula-unmarked", f"{subject}: '{content}' is not a number with a unit", \
             f"{example}; if '{content}' is a parameter, write `={content}`."
-    return "formula-unmarked", f"{what}: '{content}' is neither a quantity nor a formula", \
+    return "formula-unmarked", f"{subject}: '{content}' is neither a quantity nor a formula", \
         f"A formula begins with `=`: `={content}`."
 
 
-def _example(what: str, parameter: Parameter | SignalPort | None) -> str:
+def _example(subject: str, parameter: Parameter | SignalPort | None) -> str:
     """`Write for example `m: 1 kg` (mass)`, from the declaration of a parameter."""
     if parameter is None or is_generic(parameter.unit.dimension):
         return "Write for example `42 kN/m`"
     unit = "" if parameter.unit.text == "1" else f" {parameter.unit.text}"
-    return f"Write for example `{what.rpartition('.')[2]}: 1{unit}`" + (f" ({parameter.doc})" if parameter.doc else "")
+    return f"Write for example `{subject.rpartition('.')[2]}: 1{unit}`" + (f" ({parameter.doc})" if parameter.doc else "")
 
 
 def _range_of(content: str) -> str | None:
@@ -253,13 +254,13 @@ def _range_of(content: str) -> str | None:
         return None
 
 
-def file_input(node: Mapping, source: Source, problems: Problems, what: str, *, file: bool = True) -> FileInput | None:
+def file_input(node: Mapping, source: Source, problems: Problems, subject: str, *, file: bool = True) -> FileInput | None:
     """Read `{file: heave.csv, column: z, unit: m, interpolation: spline}`; the file name is relative to the folder of the
     source. Without `file`, in an experiment, it may have `noise`, which the caller reads."""
     keys = ["file", "column", "unit", "interpolation", "time", "gaps", "smooth", *([] if file else ["noise"])]
     if node.items and not any(nearest(name, keys) for name in node.items):
         keyed = f"`{{{listing(node.items)}}}`"
-        problems.add("not-a-quantity", f"{what}: {keyed} is neither a quantity nor an input from a record", node.place,
+        problems.add("not-a-quantity", f"{subject}: {keyed} is neither a quantity nor an input from a record", node.place,
                      hint="Write a quantity, `42 kN/m`, or a record, `{file: name.csv, column: name, unit: mm, "
                      "interpolation: spline}`. Initial values belong to a separate section of the diagram: "
                      "`initial: {NODE.x: 0 mm}`.")
@@ -341,10 +342,10 @@ def unit(node: Node | None, problems: Problems) -> Unit | None:
         return None
 
 
-def formula_of(node: Node, what: str, problems: Problems) -> Formula | None:
+def formula_of(node: Node, subject: str, problems: Problems) -> Formula | None:
     """An expression of a component (names and plain numbers, no units)."""
     if not isinstance(node, Scalar):
-        problems.add("not-text", f"{what} is {node.kind}; a formula is expected", node.place,
+        problems.add("not-text", f"{subject} is {node.kind}; a formula is expected", node.place,
                      hint="Write a formula such as `1/2 * c * s**2`.")
         return None
     place = node.place.moved(1 if node.quoted else 0, len(node.text))
@@ -453,20 +454,20 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems, kinds:
     return Instance(key.text, kind.text, key.place, kind.place, settings, at, repeat, data)
 
 
-def elements(node: Sequence, name: str, what: str, problems: Problems) -> dict[str, Value]:
+def elements(node: Sequence, name: str, subject: str, problems: Problems) -> dict[str, Value]:
     """Name the values of a list by its elements: `x: [0 mm, 2 mm]` gives x[1] and x[2], and a matrix, a list of rows, `K:
     [[1, 2], [3, 4]]` gives K[1][1] to K[2][2]."""
     values_by_element: dict[str, Value] = {}
     rows = [len(item.items) if isinstance(item, Sequence) else 0 for item in node.items]
     if len(set(rows)) > 1:
-        problems.add("matrix-rows", f"the rows of {what} differ in length" if all(rows) else
-                     f"{what} is a list of values and of lists", node.place,
+        problems.add("matrix-rows", f"the rows of {subject} differ in length" if all(rows) else
+                     f"{subject} is a list of values and of lists", node.place,
                      hint="A matrix is a list of its rows, `[[1, 2], [3, 4]]`, all of one length.")
         return values_by_element
     for k, item in enumerate(node.items, 1):
         if isinstance(item, Sequence) and "[" not in name:
-            values_by_element.update(elements(item, f"{name}[{k}]", f"{what}[{k}]", problems))
-        elif (number := value(item, f"{what}[{k}]", problems)) is not None:
+            values_by_element.update(elements(item, f"{name}[{k}]", f"{subject}[{k}]", problems))
+        elif (number := value(item, f"{subject}[{k}]", problems)) is not None:
             values_by_element[f"{name}[{k}]"] = number
     return values_by_element
 

@@ -13,8 +13,8 @@ from heavebond.text.expression import ExpressionProblem, Number
 NOT_FINITE = "It is too large, divides by 0, or takes a root or logarithm of a negative number."
 
 
-def check_dimension(name: str, value: Value, found: Dimension | None, declared: Unit, problems: Problems) -> None:
-    """Check that a quantity or formula of dimension `found` fits the unit `declared` (a plain Python number is accepted)."""
+def check_dimension(name: str, value: Value, actual: Dimension | None, declared: Unit, problems: Problems) -> None:
+    """Check that a quantity or formula of dimension `actual` fits the unit `declared` (or is a plain Python number)."""
     if value.si:
         return
     if isinstance(value.expr, Number):
@@ -22,9 +22,9 @@ def check_dimension(name: str, value: Value, found: Dimension | None, declared: 
             check_unit(value.expr.unit, declared, value.expr.value, value.text)
         except UnitProblem as problem:
             problems.add(problem.code, f"{name}: {problem.message}", value.place, hint=problem.hint)
-    elif found is not None and found != declared.dimension:
+    elif actual is not None and actual != declared.dimension:
         problems.add("unit-wrong", f"{name} must be {_in_unit(declared.text)}; '{value.text.lstrip('= ')}' is "
-                     f"{_in_unit(dimension_text(found))}", value.place,
+                     f"{_in_unit(dimension_text(actual))}", value.place,
                      hint="Check the units in the formula; write quantities with their units, as in `2 * 460 L/min`.")
 
 

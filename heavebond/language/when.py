@@ -48,11 +48,11 @@ def _event(key: Scalar, entry: Mapping, problems: Problems) -> EventDefinition |
         if formula is not None else None
 
 
-def _resets(what: str, word: str, entry: Mapping, problems: Problems) -> tuple[Reset, ...]:
+def _resets(subject: str, word: str, entry: Mapping, problems: Problems) -> tuple[Reset, ...]:
     form = f"Write the new values: `{word}: {{contact: 0, a.v: -e * a.v}}`."
     node = entry.items.get(word)
     if isinstance(node, Mapping) and not node.items:
-        problems.add("when-empty", f"{what} sets nothing", node.place, hint=form)
+        problems.add("when-empty", f"{subject} sets nothing", node.place, hint=form)
     return resets(word, node, form, problems)
 
 

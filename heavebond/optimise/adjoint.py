@@ -204,7 +204,7 @@ class Adjoint:
         back = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0)
         return by_x * back, by_p * back
 
-    def _called(self, made: _BuiltIntegrator, first: Start, pulls: Array, jumps: Array
+    def _called(self, integrator: _BuiltIntegrator, first: Start, pulls: Array, jumps: Array
                 ) -> tuple[Array, Array, dict[str, Array]]:
         """Forward and backward integration from a start, with additions to the adjoint states (stops, k, n_all) and to
         the multipliers (n_z, stops * k): the adjoint states at the start in SI (n_x, k), by p (n_p, k), and the
@@ -215,9 +215,9 @@ class Adjoint:
         middle = (simulator.stops[:-1] + simulator.stops[1:]) / 2
         with caught_errors() as heard:
             try:
-                outcome = made.integrator(x0=x0, z0=first.z / assembly.z_nominal, p=self._hoisted(first.p)[self._kept],
-                                          u=simulator.inputs(middle), adj_xf=pulls.reshape(-1, n_all).T, adj_zf=jumps)
-                by_x, by_p = np.array(outcome["adj_x0"]), np.array(made.hoist_transposed(first.p, outcome["adj_p"]))
+                outcome = integrator.integrator(x0=x0, z0=first.z / assembly.z_nominal, p=self._hoisted(first.p)[self._kept],
+                                                u=simulator.inputs(middle), adj_xf=pulls.reshape(-1, n_all).T, adj_zf=jumps)
+                by_x, by_p = np.array(outcome["adj_x0"]), np.array(integrator.hoist_transposed(first.p, outcome["adj_p"]))
                 failed = "" if np.isfinite(by_x).all() and np.isfinite(by_p).all() else "a value is not a number"
             except RuntimeError as error:
                 failed = str(error)
@@ -356,7 +356,7 @@ def _other_states(run: Result) -> SimulationError:
         (f"{before} -> {after}",))])
 
 
-def _failure(failed: str, said: str) -> SimulationError:
-    words = [line for line in said.splitlines() if line.strip()]
+def _failure(failed: str, text: str) -> SimulationError:
+    words = [line for line in text.splitlines() if line.strip()]
     return SimulationError([Problem("adjoint-failed", "the run backwards stopped", None, "Take forward sensitivities: "
                                     "simulate(..., sensitivities=[...]).", (words[0] if words else failed[-160:],))])

@@ -121,8 +121,8 @@ def signals_of(assembly: Assembly, signals: Iterable[str], until: Time | None = 
     names = tuple(signals)
     probe = Probe(assembly, names)
 
-    def runs(given: Tolerances) -> Runs:
-        simulator = Simulator(assembly, until, tolerances=given)
+    def runs(tolerances: Tolerances) -> Runs:
+        simulator = Simulator(assembly, until, tolerances=tolerances)
 
         def ran(settings: Mapping[str, float]) -> SampledRun:
             run = simulator.run(settings)
@@ -147,24 +147,24 @@ def costs_of(assembly: Assembly, task: TuningProblem, *, tolerances: Tolerances 
     assembly, time = case.plain.assembly, case.plain.time
     evaluator, references = case.evaluator, case.references
 
-    def simulator(given: Tolerances, names: Sequence[str] = ()) -> Simulator:
-        return Simulator(assembly, times=time, tolerances=given, quadratures=evaluator.quadratures,
+    def simulator(tolerances: Tolerances, names: Sequence[str] = ()) -> Simulator:
+        return Simulator(assembly, times=time, tolerances=tolerances, quadratures=evaluator.quadratures,
                          factors=evaluator.factors, sensitivities=names)
 
-    def runs(given: Tolerances) -> Runs:
-        plain = simulator(given)
+    def runs(tolerances: Tolerances) -> Runs:
+        plain = simulator(tolerances)
         return lambda settings: SampledRun(np.array(
             [[slope.value] for slope in evaluator.cost_slopes(plain.run(settings), references)]), np.zeros(0))
 
-    def exact(given: Tolerances, names: Sequence[str]) -> Array:
+    def exact(tolerances: Tolerances, names: Sequence[str]) -> Array:
         if backwards:
-            plain = simulator(given)
+            plain = simulator(tolerances)
             costs_with_gradients = Adjoint(plain, evaluator, names).costs(plain.run(), references)
             return np.array([gradient for _, gradient in costs_with_gradients]).T[:, :, None]
-        return np.concatenate([forward(given, chunk) for chunk in in_chunks(names)])
+        return np.concatenate([forward(tolerances, chunk) for chunk in in_chunks(names)])
 
-    def forward(given: Tolerances, names: Sequence[str]) -> Array:
-        run = simulator(given, names).run()
+    def forward(tolerances: Tolerances, names: Sequence[str]) -> Array:
+        run = simulator(tolerances, names).run()
         assert run.along is not None
         costs_with_gradients = evaluator.cost_values(*evaluator.functional_values(run), references, run.p, run.along.p)
         return np.array([gradient for _, gradient in costs_with_gradients]).T[:, :, None]

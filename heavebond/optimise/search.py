@@ -122,11 +122,11 @@ class _Seen:
     def slopes(self, y: Array) -> Evaluation:
         return self._kept(self.problem.evaluate(np.clip(y, 0, 1)))
 
-    def _kept(self, found: Evaluation) -> Evaluation:
-        if not self.path or not np.array_equal(self.path[-1].at, found.at):
-            self.path.append(found)
+    def _kept(self, evaluation: Evaluation) -> Evaluation:
+        if not self.path or not np.array_equal(self.path[-1].at, evaluation.at):
+            self.path.append(evaluation)
         self.say(f"cost {min(e.cost for e in self.path):.5g} after {len(self.path)} evaluations")
-        return found
+        return evaluation
 
 
 # -- trust region ------------------------------------------------------------------------------------------------------
@@ -138,9 +138,9 @@ class _Step:
     gain: float
 
 
-def _trust(seen: _Seen, first: Array, most_steps: int, known_best: Sequence[Evaluation]) -> str:
-    problem = seen.problem
-    at = seen.slopes(first)
+def _trust(memo: _Seen, first: Array, most_steps: int, known_best: Sequence[Evaluation]) -> str:
+    problem = memo.problem
+    at = memo.slopes(first)
     if at.gradient is None:
         return "the run at the first point breaks down"
     radii, curvature, penalty = np.full(len(first), SEARCH.first_radius), _first_curvature(at), abs(at.cost)
@@ -162,10 +162,10 @@ def _trust(seen: _Seen, first: Array, most_steps: int, known_best: Sequence[Eval
             continue
         # After a successful step the next is probably accepted: its gradient is computed with it, at less than two runs.
         # Runs of a weakly damped machine are long, and longer with sensitivities.
-        trial = seen.slopes(trial_at) if sure and growth < 0 else seen.plain(trial_at)
+        trial = memo.slopes(trial_at) if sure and growth < 0 else memo.plain(trial_at)
         gained = _merit(at, penalty) - _merit(trial, penalty)
         sure = gained > SEARCH.accepted * step.gain
-        if sure and (trial := seen.slopes(trial_at)).gradient is not None:
+        if sure and (trial := memo.slopes(trial_at)).gradient is not None:
             known = _definite(trial.curvature)
             curvature = _updated(curvature, at, trial, forces) if known is None else _corrected(known, at, trial, forces)
             idle = idle + 1 if gained < SEARCH.converged * abs(at.cost) else 0
@@ -352,10 +352,10 @@ class _Slopes(ca.Callback):
 class _Costs(ca.Callback):
     """Cost and limits (1 + k,) of y (n,) as a CasADi function; NaN, from which IPOPT steps back, if a run fails."""
 
-    def __init__(self, seen: _Seen):
+    def __init__(self, memo: _Seen):
         ca.Callback.__init__(self)
-        self.seen = seen
-        self.n, self.k = len(seen.problem.names), 1 + len(seen.problem.limits)
+        self.seen = memo
+        self.n, self.k = len(memo.problem.names), 1 + len(memo.problem.limits)
         self.construct("costs", {})
 
     def get_n_in(self) -> int:
@@ -383,10 +383,10 @@ class _Costs(ca.Callback):
         return self._slopes
 
 
-def _ipopt(seen: _Seen, first: Array, most_steps: int) -> str:
-    begin = abs(seen.plain(first).cost)
+def _ipopt(memo: _Seen, first: Array, most_steps: int) -> str:
+    begin = abs(memo.plain(first).cost)
     size = begin if np.isfinite(begin) and begin > 0 else 1.0
-    costs = _Costs(seen)
+    costs = _Costs(memo)
     y = ca.MX.sym("y", costs.n)
     solution = costs(y)
     solver = ca.nlpsol("tune", "ipopt", {"x": y, "f": solution[0] / size, "g": solution[1:]}, {

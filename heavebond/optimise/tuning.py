@@ -104,7 +104,7 @@ def tune(model: ModelOrFile | Assembly | Objective, task: TuningProblem, *, expl
     return _told(problem, task, results, best, ENDED_EARLY if early else best.message, say)
 
 
-def _told(problem: Objective, task: TuningProblem, found: Sequence[SearchResult], best: SearchResult, message: str,
+def _told(problem: Objective, task: TuningProblem, results: Sequence[SearchResult], best: SearchResult, message: str,
           say: Progress) -> Tuned:
     """The result of the best of all searches, with its stability margins."""
     limits = dict(zip(problem.limits, best.best.limits.tolist(), strict=True))
@@ -112,7 +112,7 @@ def _told(problem: Objective, task: TuningProblem, found: Sequence[SearchResult]
     say("margins of stability")
     with finishing(say):
         return Tuned(task, values, best.best.cost, _before(problem), dict(best.best.cases),
-                     limits, tuple(_path(problem, f) for f in found), problem.runs, problem.simulations, message,
+                     limits, tuple(_path(problem, f) for f in results), problem.runs, problem.simulations, message,
                      stability_of(problem, values), ends(problem, values, {}))
 
 
@@ -190,23 +190,23 @@ def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: 
                  ends(problem, best.values, dict(sweeps)))
 
 
-def _rank(found: SearchResult) -> tuple[bool, float]:
-    return not found.best.kept, found.best.cost
+def _rank(result: SearchResult) -> tuple[bool, float]:
+    return not result.best.kept, result.best.cost
 
 
-def _edges(problem: Objective, found: SearchResult, say: Progress) -> list[Array]:
+def _edges(problem: Objective, result: SearchResult, say: Progress) -> list[Array]:
     """Points at the stability boundary along each free parameter whose cost is little above the result. A cost often has
     another local minimum there, where friction stabilises a machine that would be unstable without it."""
     points = []
     for k, name in enumerate(problem.names):
         for end in (0.0, 1.0):
-            at = limit_of_stability(problem, found.best.at, k, end)
-            if at is None or abs(at - found.best.at[k]) < SEARCH.same_optimum:
+            at = limit_of_stability(problem, result.best.at, k, end)
+            if at is None or abs(at - result.best.at[k]) < SEARCH.same_optimum:
                 continue
-            point = found.best.at.copy()
+            point = result.best.at.copy()
             point[k] = at - INSIDE * np.sign(at - point[k]) if problem.stable else at
             say(f"looking at the stability boundary of {name}")
-            if problem.plain(point).kept and problem.cost(point) < found.best.cost + PROMISING * abs(found.best.cost):
+            if problem.plain(point).kept and problem.cost(point) < result.best.cost + PROMISING * abs(result.best.cost):
                 points.append(point)
     return points
 
@@ -233,8 +233,8 @@ def _before(problem: Objective) -> float:
     return problem.cost(problem.start) if problem.calm(problem.start) else np.inf
 
 
-def _path(problem: Objective, found: SearchResult) -> tuple[TuningEvaluation, ...]:
-    return tuple(TuningEvaluation(problem.values(e.at), e.cost) for e in found.path)
+def _path(problem: Objective, result: SearchResult) -> tuple[TuningEvaluation, ...]:
+    return tuple(TuningEvaluation(problem.values(e.at), e.cost) for e in result.path)
 
 
 def starting_points(problem: Objective, explore: int, starts: int, seed: int, say: Progress) -> list[Array]:

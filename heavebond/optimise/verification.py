@@ -125,9 +125,9 @@ def _share(before: Array, after: Array) -> float:
     return difference / max(size, VERIFICATION.rounding)
 
 
-def raise_if_moved(found: Verification, figures: dict[str, object]) -> None:
+def raise_if_moved(verification: Verification, figures: dict[str, object]) -> None:
     """Raise SimulationError, with the figures of the run, if outputs changed."""
-    problem = found.problem()
+    problem = verification.problem()
     if problem is not None:
         error = SimulationError([problem])
         error.figures = figures

@@ -37,14 +37,14 @@ def caption(lines: tuple[Line, ...], shape: Shape, anchors: Sequence[Anchor]) ->
     return next((p for p in places if not any(p.box.meets(r) for r in rays)), places[-1])
 
 
-def name_of_node(lines: tuple[Line, ...], wire: Wire, taken: Sequence[Box], wires: Sequence[Box], area: Box
+def name_of_node(lines: tuple[Line, ...], wire: Wire, covered: Sequence[Box], wires: Sequence[Box], area: Box
                  ) -> tuple[Lettering, int]:
     """Place the name of a node at its wire; returns also 1 if it covers something or is far from the wire, else 0."""
     best: tuple[int, Lettering] | None = None
     for place, far in _places(lines, wire):
         box = place.box
         outside = box.left < area.left or box.top < area.top or box.right > area.right or box.bottom > area.bottom
-        hits = sum(box.meets(b, 1.0) for b in taken) + sum(box.meets(b) for b in wires) + 5 * outside
+        hits = sum(box.meets(b, 1.0) for b in covered) + sum(box.meets(b) for b in wires) + 5 * outside
         if not hits:
             return place, int(far)
         if best is None or hits < best[0]:

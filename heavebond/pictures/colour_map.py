@@ -75,14 +75,14 @@ def _rgb(colour: str) -> tuple[int, ...]:
     return tuple(int(colour[k:k + 2], 16) for k in (1, 3, 5))
 
 
-def paint(model: Model, what: str, *, at: Time | None = None, over: str = MEAN, until: Time | None = None) -> Paint:
+def paint(model: Model, variable: str, *, at: Time | None = None, over: str = MEAN, until: Time | None = None) -> Paint:
     """Run a diagram and colour it by `power` or by a variable: `p` at all nodes that have a pressure, `F` in all components
     that have such a variable, `q` at their ports, `crown.v` at one place.
 
       The values are taken `at` a time, else their `mean` or `peak` (the largest size) `over` the run. Raises UsageError
       for a variable that does not exist, or that is not the same quantity everywhere.
     """
-    assembly = assemble(model, [what] if "." in what else ())
+    assembly = assemble(model, [variable] if "." in variable else ())
     result = simulate(assembly, until)
     moment = None if at is None else seconds(at, "--at")
     if moment is not None and not result.time[0] <= moment <= result.time[-1]:
@@ -90,13 +90,13 @@ def paint(model: Model, what: str, *, at: Time | None = None, over: str = MEAN, 
                                   f"{result.time[-1]:g} s", None, "Give a time within the run.")])
     when = f"at {moment:g} s" if moment is not None else f"{over} over {result.time[0]:g} to {result.time[-1]:g} s"
     expanded = assembly.flat.expanded
-    if what == POWER:
+    if variable == POWER:
         parts, nets = _powers(result, expanded)
         unit = "W"
     else:
-        parts, nets, unit = _variables(result, expanded, what)
+        parts, nets, unit = _variables(result, expanded, variable)
     numbers_by_path = ({k: _number(v, result.time, moment, over) for k, v in series.items()} for series in (parts, nets))
-    return _scaled(f"{what}, {when}", unit, *numbers_by_path)
+    return _scaled(f"{variable}, {when}", unit, *numbers_by_path)
 
 
 def _number(course: Array, time: Array, moment: float | None, over: str) -> float:
@@ -180,10 +180,10 @@ def _halves(powers: list[Array]) -> Array:
 
 
 # -- variables ---------------------------------------------------------------------------------------------------------
-def _variables(result: Result, expanded: Expanded, what: str) -> tuple[dict[str, Array], dict[str, Array], str]:
+def _variables(result: Result, expanded: Expanded, variable: str) -> tuple[dict[str, Array], dict[str, Array], str]:
     """A variable at nodes, in components and at their ports, and its base unit."""
     known = result.assembly.flat.names
-    owner, _, last = what.rpartition(".")
+    owner, _, last = variable.rpartition(".")
     at_nodes = {path: [f"{path}.{last}"] for path in expanded.junctions
                 if f"{path}.{last}" in known and owner in ("", path)}
     in_parts: dict[str, list[str]] = {}
@@ -193,14 +193,14 @@ def _variables(result: Result, expanded: Expanded, what: str) -> tuple[dict[str,
         if owner in ("", path) and (own_name or ports) and not (ports and _across(expanded, last) and not own_name):
             in_parts[path] = own_name or ports
     # a signal: the node of that name, or the nodes to which it is connected
-    if not at_nodes and not in_parts and what in known:
-        at_nodes = {p: [p] for p, j in expanded.junctions.items() if what in (p, *(e.name for e in j.ends))}
+    if not at_nodes and not in_parts and variable in known:
+        at_nodes = {p: [p] for p, j in expanded.junctions.items() if variable in (p, *(e.name for e in j.ends))}
     names = list(dict.fromkeys(name for names_at_place in (*at_nodes.values(), *in_parts.values())
                                for name in names_at_place))
     if not names:
-        raise UsageError([Problem("name-unknown", f"nothing in this diagram has a variable '{what}'", None, suggest(
-            what, [POWER, *known]) or "Write `power`, a variable of nodes such as `p` or `v`, or one with its path.")])
-    unit = _one_unit(result, what, names)
+        raise UsageError([Problem("name-unknown", f"nothing in this diagram has a variable '{variable}'", None, suggest(
+            variable, [POWER, *known]) or "Write `power`, a variable of nodes such as `p` or `v`, or one with its path.")])
+    unit = _one_unit(result, variable, names)
     values = result.signals(names)
     parts, nodes = ({place: _largest([values[name] for name in names_at_place]) for place, names_at_place in places.items()}
                     for places in (in_parts, at_nodes))
@@ -217,12 +217,12 @@ def _largest(courses: list[Array]) -> Array:
     return max(courses, key=lambda c: float(np.max(np.abs(c))))
 
 
-def _one_unit(result: Result, what: str, names: Iterable[str]) -> str:
+def _one_unit(result: Result, variable: str, names: Iterable[str]) -> str:
     units: dict[str, str] = {}
     for name in names:
         units.setdefault(result.unit(name), name)
     if len(units) > 1:
         unit_list = listing(f"{name} in {unit_label(unit)}" for unit, name in units.items())
-        raise UsageError([Problem("unit-kind", f"'{what}' is not the same quantity everywhere: {unit_list}", None,
+        raise UsageError([Problem("unit-kind", f"'{variable}' is not the same quantity everywhere: {unit_list}", None,
                                   "Write one with its path, or another variable.")])
     return next(iter(units))

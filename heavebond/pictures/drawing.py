@@ -346,8 +346,8 @@ def _heads(line: Strand, drawn: Drawn, look: Look) -> list[str]:
 
 
 # -- words -------------------------------------------------------------------------------------------------------------
-def _lettered(text: Lettering, colour: str, what: str) -> list[str]:
-    """Lines of writing; the first is the name of a part or node and carries `what` as its class."""
+def _lettered(text: Lettering, colour: str, css_class: str) -> list[str]:
+    """Lines of writing; the first is the name of a part or node and carries `css_class` as its class."""
     x = {"start": text.box.left, "middle": (text.box.left + text.box.right) / 2, "end": text.box.right}[text.align]
     y, lines = text.box.top, []
     for k, line in enumerate(text.lines):
@@ -357,7 +357,7 @@ def _lettered(text: Lettering, colour: str, what: str) -> list[str]:
             lines += _tag(line, x, y, text.align)
         else:
             fill = QUIET if style.quiet else colour
-            name = f' class="{what}"' if k == 0 else ""
+            name = f' class="{css_class}"' if k == 0 else ""
             lines.append(f'<text{name} x="{x:g}" y="{base:g}" font-size="{style.size}"{_face(style)} fill="{fill}" '
                          f'text-anchor="{text.align}">{xml(line.text)}</text>')
         y += line.height

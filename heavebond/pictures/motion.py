@@ -231,11 +231,11 @@ def _motion(result: Result, time: Array, courses: Mapping[str, Array], chosen: l
     return Motion(model.name, model.summary, time, shapes, edges, shown_series)
 
 
-def _placed(seen: ViewShape, courses: Mapping[str, Array], n: int) -> Array:
+def _placed(shape: ViewShape, courses: Mapping[str, Array], n: int) -> Array:
     """x and y of both ends, W and B over time (6, n); values that depend on the edges of the picture are still nan."""
     rows_found = np.full((6, n), np.nan)
-    series_by_key = {key: [courses[f.text] for f in part] for key, part in seen.formulas.items()}
-    if seen.kind in WIDE:
+    series_by_key = {key: [courses[f.text] for f in part] for key, part in shape.formulas.items()}
+    if shape.kind in WIDE:
         rows_found[1] = rows_found[3] = series_by_key["at"][0]
     elif "at" in series_by_key:
         across = (series_by_key.get("diameter") or series_by_key.get("width") or series_by_key["size"])[0] / 2

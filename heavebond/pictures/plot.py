@@ -222,10 +222,10 @@ def plot_surface(task: TuningProblem, tuned: Tuned, axes: Sequence[Array], costs
     return figure
 
 
-def plot_influence(found: Rankings, *, bars: int = 12, courses: int = 4, title: str = "") -> Figure:
+def plot_influence(rankings: Rankings, *, bars: int = 12, courses: int = 4, title: str = "") -> Figure:
     """A row per signal: the strongest parameters as horizontal bars with their values, and at their right, over time, the
     change of the signal for 1 % more of each of the first `courses` (0: none)."""
-    rows = found.rankings
+    rows = rankings.rankings
     longest = max(min(len(row.influences), bars) for row in rows)
     height = 1.0 + len(rows) * max(3.0, 0.9 + 0.24 * longest)
     figure = NotebookFigure(figsize=(WIDTH if courses else 0.7 * WIDTH, height), dpi=DPI,
@@ -235,7 +235,7 @@ def plot_influence(found: Rankings, *, bars: int = 12, courses: int = 4, title: 
     for row, (panel, *lower_panels) in zip(rows, panels, strict=True):
         _bars(panel, row, [i for i in row.influences if i.relative > 0][:bars] or row.influences[:bars])
         for lower_panel in lower_panels:
-            _courses(lower_panel, row, found.time, row.influences[:courses])
+            _courses(lower_panel, row, rankings.time, row.influences[:courses])
     panels[-1][0].set_xlabel("influence: rms(p ∂s/∂p) / rms(s − mean)")
     if courses:
         panels[-1][1].set_xlabel("time [s]")

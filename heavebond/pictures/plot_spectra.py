@@ -24,11 +24,12 @@ WIDTH, HEIGHT = 11.0, 2.4  # inches of a row
 SHOWN = 0.9995  # share of m_0 below the last drawn frequency, and a factor beyond it
 
 
-def plot_spectra(found: Sequence[SignalAnalysis]) -> Figure:
+def plot_spectra(analyses: Sequence[SignalAnalysis]) -> Figure:
     """A row per signal: over time, its spectral density, and the number of rainflow cycles by range."""
     with rc_context(SMALL):
-        figure = Figure(figsize=(WIDTH, 0.4 + HEIGHT * len(found)), dpi=1.5 * DPI, layout="constrained")
-        for row, one in zip(figure.subplots(len(found), 3, squeeze=False, width_ratios=(1.5, 1.2, 1)), found, strict=True):
+        figure = Figure(figsize=(WIDTH, 0.4 + HEIGHT * len(analyses)), dpi=1.5 * DPI, layout="constrained")
+        for row, one in zip(figure.subplots(len(analyses), 3, squeeze=False, width_ratios=(1.5, 1.2, 1)), analyses,
+                            strict=True):
             _course(row[0], one)
             if not one.still:
                 _spectrum(row[1], one)

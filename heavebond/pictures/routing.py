@@ -102,17 +102,17 @@ class _Router:
             waiting.remove(reached)
             joined.append(reached)
 
-    def _take(self, k: int, path: list[int], others: dict[int, int]) -> None:
+    def _take(self, k: int, path: list[int], other_wires: dict[int, int]) -> None:
         laid = self.laid[k]
         for a, b in pairwise(path):
             direction = self.steps.index(b - a)
             laid[a] = laid.get(a, 0) | 1 << direction
             laid[b] = laid.get(b, 0) | 1 << (direction + 2) % 4
         for point in path:
-            if point in others and not _crosses(laid[point], others[point]):
+            if point in other_wires and not _crosses(laid[point], other_wires[point]):
                 self.faults[k] += 1
 
-    def _path(self, k: int, others: dict[int, int], joined: list[int],
+    def _path(self, k: int, other_wires: dict[int, int], joined: list[int],
               targets: dict[tuple[int, int], int]) -> list[int] | None:
         """The cheapest path from the connected terminals to an anchor of another one (points, from the tree outwards)."""
         width, steps, wall = self.width, self.steps, self.wall
@@ -147,9 +147,9 @@ class _Router:
                 if not (0 <= following < len(wall) and 0 <= column < width) or (wall[following] and following not in ends):
                     continue
                 extra = BEND * bend
-                if point in others and (bend or start or others[point] & (1 << turn | 1 << (turn + 2) % 4)):
+                if point in other_wires and (bend or start or other_wires[point] & (1 << turn | 1 << (turn + 2) % 4)):
                     extra += FAULT
-                push(following << 2 | turn, cost + STEP + extra + self._price(k, following, turn, others), state)
+                push(following << 2 | turn, cost + STEP + extra + self._price(k, following, turn, other_wires), state)
         return None
 
     def _beginnings(self, k: int, joined: Iterable[int]) -> Iterator[tuple[int, int]]:
@@ -163,14 +163,14 @@ class _Router:
                 if not self.wall[point] and not bits >> direction & 1:
                     yield point << 2 | direction, BEND // 2
 
-    def _price(self, k: int, point: int, direction: int, others: dict[int, int]) -> int:
+    def _price(self, k: int, point: int, direction: int, other_wires: dict[int, int]) -> int:
         """Cost of a point in addition to the step: crossings, neighbours, exits of other ports."""
         price = MOUTH if self.mouths.get(point, k) != k else 0
-        if point in others:
-            price += CROSSING if _crosses(1 << direction | 1 << (direction + 2) % 4, others[point]) else FAULT
+        if point in other_wires:
+            price += CROSSING if _crosses(1 << direction | 1 << (direction + 2) % 4, other_wires[point]) else FAULT
         for side in (self.steps[(direction + 1) % 4], self.steps[(direction + 3) % 4]):
             near = point + side
-            if near in others and others[near] & (1 << direction):
+            if near in other_wires and other_wires[near] & (1 << direction):
                 price += NEAR
             elif 0 <= near < len(self.wall) and self.wall[near]:
                 price += NEAR // 3

@@ -100,8 +100,8 @@ def _dated(cells: Sequence[str], texts: Sequence[str], known: Sequence[int]) -> 
     return np.asarray(read.dt.tz_localize(None).to_numpy().astype("datetime64[ns]").astype(np.int64))
 
 
-def _iso(found: re.Match[str], day_first: bool) -> str:
-    parts = found.groupdict()
+def _iso(match: re.Match[str], day_first: bool) -> str:
+    parts = match.groupdict()
     day, month = (parts["day"], parts["month"]) if "day" in parts else \
         (parts["one"], parts["two"]) if day_first else (parts["two"], parts["one"])
     hour, minutes = (parts["time"] or "00:00").split(":", 1)

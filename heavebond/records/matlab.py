@@ -70,39 +70,39 @@ def read_matlab(path: Path, place: Place | None = None) -> Vectors:
     return vectors
 
 
-def _add(found: Vectors, name: str, value: Any, depth: int) -> None:
+def _add(vectors: Vectors, name: str, value: Any, depth: int) -> None:
     value = np.asarray(value)
     names = value.dtype.names
     if names and set(names) >= {"s0", "s1", "s2"}:  # an object; its name and class are inside
-        _set_aside(found, _text(value.ravel()[0]["s0"]) or name, _text(value.ravel()[0]["s2"]) or "object")
+        _set_aside(vectors, _text(value.ravel()[0]["s0"]) or name, _text(value.ravel()[0]["s2"]) or "object")
     elif names and depth < DEEPEST:
         for k, one in enumerate(value.ravel(), 1):
             inner = name if value.size == 1 else f"{name}.{k}"
             for member in names:
-                _add(found, f"{inner}.{member}", one[member], depth + 1)
+                _add(vectors, f"{inner}.{member}", one[member], depth + 1)
     elif value.dtype.kind in "fiub":
-        _add_numbers(found, name, np.squeeze(value))
+        _add_numbers(vectors, name, np.squeeze(value))
     else:
         kinds = {"U": "text", "S": "text", "c": "complex numbers", "O": "cells or an object"}
         kind = kinds.get(value.dtype.kind, "a struct")
-        found.aside[name] = (f"holds {kind}, not numbers", "Save it as a vector of numbers.")
+        vectors.aside[name] = (f"holds {kind}, not numbers", "Save it as a vector of numbers.")
 
 
-def _add_numbers(found: Vectors, name: str, value: NDArray[Any]) -> None:
+def _add_numbers(vectors: Vectors, name: str, value: NDArray[Any]) -> None:
     value = np.asarray(value, dtype=np.float64)
     if value.ndim == 1 and value.size:
-        found.columns[name] = value
+        vectors.columns[name] = value
     elif value.ndim == 2 and value.size:
         for k, one in enumerate(value.T, 1):
-            found.columns[f"{name}.{k}"] = one
+            vectors.columns[f"{name}.{k}"] = one
     else:
         shape = "is a single number" if value.ndim == 0 else "is empty" if not value.size else f"has {value.ndim} dimensions"
-        found.aside[name] = (f"{shape}; a column is a vector", "Save it as a vector with one value for each time.")
+        vectors.aside[name] = (f"{shape}; a column is a vector", "Save it as a vector with one value for each time.")
 
 
-def _set_aside(found: Vectors, name: str, kind: str) -> None:
+def _set_aside(vectors: Vectors, name: str, kind: str) -> None:
     hint = UNPACK.get(kind, "Save its numbers as plain vectors.").replace("x.", f"{name}.")
-    found.aside[name] = (f"is a MATLAB {kind}, which only MATLAB can open", hint)
+    vectors.aside[name] = (f"is a MATLAB {kind}, which only MATLAB can open", hint)
 
 
 def _text(value: Any) -> str:
@@ -127,7 +127,7 @@ def _read_hdf5(path: Path, place: Place | None) -> Vectors:
     return vectors
 
 
-def _add_group(found: Vectors, group: Any, prefix: str, depth: int) -> None:
+def _add_group(vectors: Vectors, group: Any, prefix: str, depth: int) -> None:
     import h5py
 
     for member in group:
@@ -137,13 +137,13 @@ def _add_group(found: Vectors, group: Any, prefix: str, depth: int) -> None:
         item, name = group[member], prefix + member
         kind = _text(item.attrs.get("MATLAB_class", b"struct" if isinstance(item, h5py.Group) else b"double"))
         if isinstance(item, h5py.Group) and kind == "struct" and depth < DEEPEST:
-            _add_group(found, item, name + ".", depth + 1)
+            _add_group(vectors, item, name + ".", depth + 1)
         elif isinstance(item, h5py.Dataset) and "MATLAB_empty" in item.attrs:
-            _add_numbers(found, name, np.zeros((0, 0)))
+            _add_numbers(vectors, name, np.zeros((0, 0)))
         elif isinstance(item, h5py.Dataset) and kind in NUMERIC and item.dtype.kind in "fiub":
-            _add_numbers(found, name, np.squeeze(item[()].T))
+            _add_numbers(vectors, name, np.squeeze(item[()].T))
         elif kind in ("char", "cell", "struct") or kind in NUMERIC:
             type_text = "text" if kind == "char" else "no plain numbers"
-            found.aside[name] = (f"holds {type_text}", "Save it as a vector of numbers.")
+            vectors.aside[name] = (f"holds {type_text}", "Save it as a vector of numbers.")
         else:
-            _set_aside(found, name, kind)
+            _set_aside(vectors, name, kind)

@@ -170,10 +170,10 @@ def _not_a_run(path: Path, *notes: str) -> DataError:
                               tuple(note for note in notes if note))])
 
 
-def _form(path: Path, what: str) -> tuple[Callable[[SavedRun, Path], None], Callable[[Path], SavedRun]]:
+def _form(path: Path, verb: str) -> tuple[Callable[[SavedRun, Path], None], Callable[[Path], SavedRun]]:
     form = _FORMS.get(path.suffix.lower())
     if form is None:
-        raise UsageError([Problem("file-suffix", f"'{path.name}' has no suffix by which a run could be {what}", None,
+        raise UsageError([Problem("file-suffix", f"'{path.name}' has no suffix by which a run could be {verb}", None,
                                   f"Write {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}.")])
     return form
 

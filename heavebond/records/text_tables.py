@@ -345,10 +345,10 @@ def _report_cells(sheet: _Sheet, rows: Cells, bad: list[list[int]], why: str, pr
         add_few(problems, code, few, len(rows_wrong), "cells", hint)
 
 
-def add_few(problems: Problems, code: str, found: Sequence[tuple[str, Place]], total: int, things: str,
+def add_few(problems: Problems, code: str, issues: Sequence[tuple[str, Place]], total: int, things: str,
             hint: str) -> None:
-    """Report `found`, which are the first of `total`; the last report states the number of the others."""
-    for k, (message, place) in enumerate(found):
-        left_out = total - len(found) if k == len(found) - 1 else 0
+    """Report `issues`, which are the first of `total`; the last report states the number of the others."""
+    for k, (message, place) in enumerate(issues):
+        left_out = total - len(issues) if k == len(issues) - 1 else 0
         problems.add(code, message, place, hint=hint,
                      notes=[f"and {left_out} more such {things} in this file"] if left_out else [])

@@ -236,12 +236,12 @@ def _spaced(node: Mapping, name: str, problems: Problems) -> list[Scalar] | None
     return [Scalar(unit.written(value), node.items["from"].place) for value in np.linspace(low, high, number).tolist()]
 
 
-def _quantity(node: Node | None, what: str, problems: Problems) -> tuple[float, Unit] | None:
+def _quantity(node: Node | None, subject: str, problems: Problems) -> tuple[float, Unit] | None:
     if node is None:
         return None
     try:
-        number, unit = parse_quantity(reading.text(node, what, problems))
+        number, unit = parse_quantity(reading.text(node, subject, problems))
     except UnitProblem as problem:
-        problems.add(problem.code, f"{what}: {problem.message}", node.place, hint=problem.hint)
+        problems.add(problem.code, f"{subject}: {problem.message}", node.place, hint=problem.hint)
         return None
     return number, unit or read_unit("1")

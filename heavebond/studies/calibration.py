@@ -296,39 +296,39 @@ def _differentiated(study: Study, assembly: Assembly, gains: Mapping[str, float]
                  1 + len(parameters) + len(gains) + bool(evaluator.integrated))
 
 
-def _following(objective: Objective, gains: Mapping[str, float], own: Mapping[str, float]) -> dict[str, Array]:
+def _following(objective: Objective, gains: Mapping[str, float], parameters: Mapping[str, float]) -> dict[str, Array]:
     """d gains / d p (k,) for each calibrated parameter at an optimum. A gain at a bound of its range is constant, and
     gains at the stability boundary move along it."""
     shares = objective.shares([gains[name] for name in objective.names])
     moving = [k for k, share in enumerate(shares) if AT_END < share < 1 - AT_END]
-    gain_slopes = {name: np.zeros(len(gains)) for name in own}
+    gain_slopes = {name: np.zeros(len(gains)) for name in parameters}
     if not moving:
         return gain_slopes
-    values = {**{name: objective.assembly.parameter_values[name] for name in own}, **gains}
+    values = {**{name: objective.assembly.parameter_values[name] for name in parameters}, **gains}
 
     def bend(name: str, width: float) -> Array:
         low, high = (objective.gradient_anew({**values, name: values[name] + sign * STEP * width}) for sign in (-1, 1))
         return np.asarray((high - low) / (2 * STEP * width))
 
     by_gains = np.array([bend(objective.names[k], float(objective.span[k]))[moving] for k in moving]).T
-    edge = objective.boundary([*objective.names, *own], values)
-    for name, width in own.items():
+    edge = objective.boundary([*objective.names, *parameters], values)
+    for name, width in parameters.items():
         right = bend(name, width)[moving]
         if edge is None:
             gain_slopes[name][moving] = -np.linalg.lstsq(by_gains, right, rcond=None)[0]
         else:  # stationary along the stability boundary, to which the gains are constrained
-            along, slope = edge[moving], edge[len(objective.names) + list(own).index(name)]
+            along, slope = edge[moving], edge[len(objective.names) + list(parameters).index(name)]
             size = float(np.abs(by_gains).max()) / max(float(np.abs(along).max()), 1e-300)
             whole = np.block([[by_gains, size * along[:, None]], [size * along[None, :], np.zeros((1, 1))]])
             gain_slopes[name][moving] = -np.linalg.lstsq(whole, np.append(right, size * slope), rcond=None)[0][:-1]
     return gain_slopes
 
 
-def calibrated_diagram(study: Study, found: Calibrated, path: Path) -> str:
+def calibrated_diagram(study: Study, calibrated: Calibrated, path: Path) -> str:
     """The text of a diagram at `path` that extends a study's diagram and sets the calibrated values."""
     assert study.calibration is not None
-    values = {name: study.calibration.free[name].unit.written(after) for name, (_, after) in found.values.items()}
-    notes = {name: f"at the {end} end of its range" for name, end in found.at_end.items()}
+    values = {name: study.calibration.free[name].unit.written(after) for name, (_, after) in calibrated.values.items()}
+    notes = {name: f"at the {end} end of its range" for name, end in calibrated.at_end.items()}
     source = study.beside[study.calibration.source].source
     head = [f"model: {path.stem}", f"summary: {study.model.name}, calibrated to what {source} gives.",
             f"extends: {extended_from(path, study.model.path)}"]

@@ -137,7 +137,7 @@ def _calibrated(study: Study, folder: Path | None, fresh: bool, executor: Execut
     return replace(study, calibrated=calibrated.values), calibrated
 
 
-def _outcomes(study: Study, kept: CaseStore | None, fresh: bool, executor: Executor | None, number: int, say: Progress
+def _outcomes(study: Study, store: CaseStore | None, fresh: bool, executor: Executor | None, number: int, say: Progress
               ) -> Iterator[tuple[int, Outcome]]:
     """The number and outcome of each job: first the stored ones, then the others in the order of completion."""
     jobs = [(k, procedure) for k in range(len(study.cases)) for procedure in study.procedures or (None,)]
@@ -145,7 +145,7 @@ def _outcomes(study: Study, kept: CaseStore | None, fresh: bool, executor: Execu
     completed = 0
     remaining = []
     for k, (name, job) in enumerate(zip(names, jobs, strict=True)):
-        stored = kept.read(name) if kept is not None and not fresh else None
+        stored = store.read(name) if store is not None and not fresh else None
         if stored is not None:
             completed += 1
             yield k, Outcome(**stored)
@@ -165,8 +165,8 @@ def _outcomes(study: Study, kept: CaseStore | None, fresh: bool, executor: Execu
         ahead = executor.ahead if isinstance(executor, Cluster) else number + 1
         done_now = as_done(executor, worked, tasks, ahead, instead=died)
     for k, outcome in done_now:
-        if kept is not None and not outcome.problem:
-            kept.write(names[k], outcome.as_dict())
+        if store is not None and not outcome.problem:
+            store.write(names[k], outcome.as_dict())
         told_so_far.one_more()
         yield k, outcome
 
@@ -229,9 +229,9 @@ class CaseStore:
         except (OSError, ValueError, KeyError, TypeError):
             return None  # incomplete, or of another program: it is computed again
 
-    def write(self, name: str, found: Mapping[str, Any]) -> None:
+    def write(self, name: str, result: Mapping[str, Any]) -> None:
         """Store a result by that name."""
-        write_text(self.folder / f"{file_stem(name)}.json", json.dumps({"fingerprint": self.fingerprint, "found": found}))
+        write_text(self.folder / f"{file_stem(name)}.json", json.dumps({"fingerprint": self.fingerprint, "found": result}))
 
 
 def fingerprint(study: Study) -> str:

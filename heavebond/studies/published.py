@@ -85,22 +85,23 @@ def _spread(node: Node, name: str, left: dict[int, Axis], chosen: dict[int, int]
         yield from _spread(item, name, remaining, {**chosen, k: level}, problems, number)
 
 
-def _levels(node: Entries | Items, name: str, left: dict[int, Axis], problems: Problems) -> Iterator[tuple[int, int, Node]]:
+def _levels(node: Entries | Items, name: str, remaining: dict[int, Axis],
+            problems: Problems) -> Iterator[tuple[int, int, Node]]:
     """Axis, level, and value of each entry."""
-    if not left:
+    if not remaining:
         problems.add("beside-deep", f"{name}: no axis is left along which these numbers could go", node.place,
                      hint="Write one quantity here.")
     elif isinstance(node, Items):
-        k, axis = next(iter(left.items()))
+        k, axis = next(iter(remaining.items()))
         if len(node.items) != len(axis.levels):
             problems.add("beside-number", f"{name}: {len(node.items)} numbers are given along '{axis.name}', which has "
                          f"{len(axis.levels)} levels", node.place, hint=f"Write `{NONE}` for a missing number.")
         else:
             yield from ((k, level, item) for level, item in enumerate(node.items))
     else:
-        axis_match = next(((k, places) for k, axis in left.items() if (places := _matched(node, axis))), None)
+        axis_match = next(((k, places) for k, axis in remaining.items() if (places := _matched(node, axis))), None)
         if axis_match is None:
-            names = "; ".join(f"{axis.name}: {listing([lv.name for lv in axis.levels])}" for axis in left.values())
+            names = "; ".join(f"{axis.name}: {listing([lv.name for lv in axis.levels])}" for axis in remaining.values())
             problems.add("level-unknown", f"{name}: these are not levels of one axis", node.place, hint=f"Levels: {names}.")
         else:
             yield from ((axis_match[0], level, item) for level, item in axis_match[1])

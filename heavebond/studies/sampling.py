@@ -121,9 +121,9 @@ def read_sampling(entry: Entries, name: str, problems: Problems) -> Sampling | N
     return _drawn(chosen, over, problems) if chosen is not None else None
 
 
-def read_ranges(node: Node | None, what: str, problems: Problems) -> dict[str, Range]:
+def read_ranges(node: Node | None, subject: str, problems: Problems) -> dict[str, Range]:
     """Parameters and their ranges: `spring.c: 20 .. 60 kN/m`, or `42 kN/m +- 20 %`."""
-    entries = reading.mapping(node, what, problems)
+    entries = reading.mapping(node, subject, problems)
     ranges: dict[str, Range] = {}
     for name, item in (entries.items if entries else {}).items():
         try:
@@ -174,10 +174,10 @@ def _drawn(chosen: Entries, over: Mapping[str, Range], problems: Problems) -> Sa
     return Sampling(kind, over, number, seed)
 
 
-def _whole(node: Node, what: str, least: int, problems: Problems) -> int | None:
-    text = reading.text(node, what, problems)
+def _whole(node: Node, subject: str, least: int, problems: Problems) -> int | None:
+    text = reading.text(node, subject, problems)
     number = whole(text)
     if number is None or not least <= number <= MOST:
-        problems.add("count-wrong", f"{what}: '{text}' is not a whole number from {least} to {MOST}", node.place)
+        problems.add("count-wrong", f"{subject}: '{text}' is not a whole number from {least} to {MOST}", node.place)
         return None
     return number

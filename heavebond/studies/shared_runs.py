@@ -100,14 +100,14 @@ def _numbers(levels: Sequence[Level]) -> tuple[dict[str, Value], tuple[Level, ..
     return numbers, tuple(variants)
 
 
-def _shared(study: Study, model: Model, others: tuple[Level, ...], named: set[str]) -> _Shared:
+def _shared(study: Study, model: Model, variants: tuple[Level, ...], named: set[str]) -> _Shared:
     """Common equations of the cases with these variants; created at the first of them."""
     for known in _KNOWN.shared:
-        if known.measures is study.measures and known.model is model and known.variants == tuple(o.name for o in others):
+        if known.measures is study.measures and known.model is model and known.variants == tuple(o.name for o in variants):
             _KNOWN.shared.remove(known)
             break
     else:
-        known = _Shared(study, model, others, named)
+        known = _Shared(study, model, variants, named)
     _KNOWN.shared.append(known)
     del _KNOWN.shared[:-SHARED_RUNS.kept]
     return known

@@ -285,11 +285,11 @@ def _stable(node: Node | None, problems: Problems) -> bool | None:
     return ASKED.get(word, True)
 
 
-def _window(node: Node | None, what: str, problems: Problems) -> tuple[float | None, float | None]:
-    entries = reading.mapping(node, what, problems)
+def _window(node: Node | None, subject: str, problems: Problems) -> tuple[float | None, float | None]:
+    entries = reading.mapping(node, subject, problems)
     if entries is None:
         return None, None
-    reading.known_keys(entries, ("from", "to"), what, problems)
+    reading.known_keys(entries, ("from", "to"), subject, problems)
     times = {name: reading.seconds(item, name, problems) for name, item in entries.items.items()}
     return times.get("from"), times.get("to")
 
@@ -378,14 +378,14 @@ def _procedure(name: str, entry: Mapping, source: Source, task: TuningProblem, p
     return Procedure(name, _values(entry.items.get("begin"), source, problems), tuple(sweeps))
 
 
-def _count(node: Node | None, what: str, least: int, problems: Problems) -> int | None:
+def _count(node: Node | None, subject: str, least: int, problems: Problems) -> int | None:
     if node is None:
         return None
-    text = reading.text(node, what, problems)
+    text = reading.text(node, subject, problems)
     number = whole(text)
     if number is None or number < least:
-        problems.add("count-wrong", f"{what}: '{text}' is not a whole number from {least} on", node.place,
-                     hint=f"Write for example `{what}: {max(least, 20)}`.")
+        problems.add("count-wrong", f"{subject}: '{text}' is not a whole number from {least} on", node.place,
+                     hint=f"Write for example `{subject}: {max(least, 20)}`.")
         return None
     return number
 

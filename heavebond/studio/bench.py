@@ -266,12 +266,12 @@ class Bench:
         return _with_series({}, self._result(job), names)
 
 
-def _with_series(told: Entry, result: Result, names: Sequence[str]) -> tuple[Entry, Array]:
+def _with_series(entry: Entry, result: Result, names: Sequence[str]) -> tuple[Entry, Array]:
     """Description of a run with the units of signals, and their values: the time in s, then each signal."""
     names = list(dict.fromkeys(names))
     signals = result.signals(names) if names else {}
-    told = {**told, "signals": names, **_units({name: result.unit(name) for name in names})}
-    return told, np.vstack([result.time, *(signals[name] for name in names)])
+    entry = {**entry, "signals": names, **_units({name: result.unit(name) for name in names})}
+    return entry, np.vstack([result.time, *(signals[name] for name in names)])
 
 
 def _units(units: dict[str, str]) -> Entry:

@@ -231,9 +231,9 @@ def _check_name(name: str, diagram: Diagram, allowed: Iterable[str] = ()) -> Non
         raise UsageError([Problem("name-twice", f"there is already a part, a node or a parameter '{name}'")])
 
 
-def free_name(first: str, taken: Iterable[str]) -> str:
+def free_name(first: str, used_names: Iterable[str]) -> str:
     """`first`, or `first2`, `first3`, ... if that is taken or not a valid name."""
-    known = {*taken, *reading.RESERVED}
+    known = {*used_names, *reading.RESERVED}
     stem = first if first[:1].isalpha() else f"part_{first}"
     return next(name for k in range(1, len(known) + 3) if (name := stem if k == 1 else f"{stem}{k}") not in known)
 

@@ -66,7 +66,7 @@ class JobProcess:
             self._last = time_now
             self.tell("progress", text)
 
-    def serve(self, kind: str, path: str, given: Mapping[str, Any]) -> None:
+    def serve(self, kind: str, path: str, options: Mapping[str, Any]) -> None:
         """Compute, then write the requested files until the server leaves."""
         from heavebond.studio.long_tasks import TASKS
 
@@ -75,7 +75,7 @@ class JobProcess:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                entry, arrays, write = TASKS[kind](Path(path), given, self)
+                entry, arrays, write = TASKS[kind](Path(path), options, self)
             self.busy = False
             self.tell("done", entry, arrays)
         except KeyboardInterrupt:
@@ -101,14 +101,14 @@ class JobProcess:
                 clear_signal()
 
 
-def serve(pipe: Connection, kind: str, path: str, given: Mapping[str, Any]) -> None:
+def serve(pipe: Connection, kind: str, path: str, options: Mapping[str, Any]) -> None:
     """The main function of the process."""
     with contextlib.suppress(OSError, AttributeError):
         os.setsid()  # the server handles Ctrl-C
     with contextlib.suppress(OSError, AttributeError):
         os.nice(5)
     # the opened folder; without one, the folder for results
-    root = Path(str(given.get("root") or given.get("folder") or Path(path).parent))
+    root = Path(str(options.get("root") or options.get("folder") or Path(path).parent))
     with listening(), confined(root):
-        JobProcess(pipe).serve(kind, path, given)
+        JobProcess(pipe).serve(kind, path, options)
 

@@ -78,14 +78,14 @@ class LongJob:
             self._send(STOP, None)
         self.push(self)
 
-    async def write(self, given: Mapping[str, Any]) -> list[str]:
+    async def write(self, options: Mapping[str, Any]) -> list[str]:
         """Write the result; returns the files. HeavebondError if that is not possible."""
         if self.state != "done" or not self._process.is_alive():
             raise UsageError([Problem("job-gone", "this result is no longer at hand", None, "Compute it again.")])
         if self._writing is not None:
             raise UsageError([Problem("job-busy", "it is being written already")])
         self._writing = self._loop.create_future()
-        self._send(WRITE, dict(given))
+        self._send(WRITE, dict(options))
         try:
             return await self._writing
         finally:
@@ -100,9 +100,9 @@ class LongJob:
             self._process.join(GRACE)
         self._pipe.close()
 
-    def _send(self, what: str, given: Any) -> None:
+    def _send(self, request: str, given: Any) -> None:
         with contextlib.suppress(OSError, ValueError):
-            self._pipe.send((what, given))
+            self._pipe.send((request, given))
 
     def _end(self, state: str) -> None:
         if self.state == "running":
@@ -177,7 +177,7 @@ class LongJobs:
         self.jobs: dict[tuple[str, str], LongJob] = {}
         self.watchers: set[Push] = set()
 
-    def begin(self, kind: str, name: str, path: Path, version: str, given: Mapping[str, Any]) -> LongJob:
+    def begin(self, kind: str, name: str, path: Path, version: str, options: Mapping[str, Any]) -> LongJob:
         """Begin a computation in place of the former one; UsageError if one runs on this document."""
         if any(job.name == name and job.state == "running" for job in self.jobs.values()):
             raise UsageError([Problem("job-running", f"a computation runs on {name} already", None,
@@ -190,7 +190,7 @@ class LongJobs:
         finished = [key for key, job in self.jobs.items() if job.state != "running"]
         for key in finished[:max(0, len(finished) - KEPT + 1)]:
             self.jobs.pop(key).close()
-        self.jobs[name, kind] = job = LongJob(kind, name, path, version, given, self._push)
+        self.jobs[name, kind] = job = LongJob(kind, name, path, version, options, self._push)
         return job
 
     def of(self, name: str) -> list[LongJob]:

@@ -52,25 +52,25 @@ def _result(kind: str, items: Sequence[Item], figures: Mapping[str, object], par
 
 
 # -- fit -----------------------------------------------------------------------------------------------------------------
-def fitted(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
+def fitted(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
     """As `heavebond fit`; the diagram with the fitted values and an experiment on it can be written."""
     fit_result = fit(load_experiment(path), progress=job.progress, partial=True)
     early = fit_result.message == ENDED_EARLY
     items = [*fit_items(fit_result), *([Line("ended early: these are the best values so far", True)] if early else [])]
     return _result("fit", items, fit_result.as_dict(), early, adds=[{"label": "the fitted values"}]), {}, \
-        lambda asked: [] if asked.get("lost") else _write_fit(fit_result, path, _folder(path, given))
+        lambda asked: [] if asked.get("lost") else _write_fit(fit_result, path, _folder(path, options))
 
 
-def _folder(path: Path, given: Mapping[str, Any]) -> Path:
+def _folder(path: Path, options: Mapping[str, Any]) -> Path:
     """Folder for results: the folder of the file, for a bundled one the opened folder."""
-    return Path(str(given["folder"])) if given.get("folder") else path.parent
+    return Path(str(options["folder"])) if options.get("folder") else path.parent
 
 
-def _write_fit(found: Fit, path: Path, folder: Path) -> list[Path]:
+def _write_fit(fit_result: Fit, path: Path, folder: Path) -> list[Path]:
     experiment = _free_path(folder / f"{path.stem}_fitted.yaml")
-    diagram = _free_path(folder / f"{found.experiment.model.path.stem}_fitted.yaml", experiment)
-    write(diagram, fitted_diagram(found, diagram))
-    write(experiment, _experiment_on(f"{found.experiment.name}, fitted", experiment, path, diagram))
+    diagram = _free_path(folder / f"{fit_result.experiment.model.path.stem}_fitted.yaml", experiment)
+    write(diagram, fitted_diagram(fit_result, diagram))
+    write(experiment, _experiment_on(f"{fit_result.experiment.name}, fitted", experiment, path, diagram))
     return [diagram, experiment]
 
 
@@ -86,7 +86,7 @@ def _free_path(path: Path, *others: Path) -> Path:
 
 
 # -- localize ------------------------------------------------------------------------------------------------------------
-def localized(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
+def localized(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
     """As `heavebond localize`, with the estimated input at each place of the diagram."""
     localization = localize(load_experiment(path), progress=job.progress)
     arrays: Arrays = {}
@@ -134,25 +134,25 @@ def _over(name: str, suspect: PlaceEstimate, formula: str, scale: float, arrays:
             "curve": best and not curve.times, "loop": bool(curve.y_down.size)}
 
 
-def _states(found: Localization, arrays: Arrays) -> list[Entry]:
+def _states(localization: Localization, arrays: Arrays) -> list[Entry]:
     """The variables on which the error of a channel depends, with the curve of the error over each."""
     state_entries = []
-    for k, state in enumerate(found.states):
+    for k, state in enumerate(localization.states):
         display_unit = readable_unit(state.unit, float(np.max(np.abs(state.x)))) if state.unit else ""
         per = read_unit(state.unit).scale / read_unit(display_unit).scale if state.unit else 1.0
         arrays[f"state/{k}"] = np.vstack([state.x * per, state.y])
         state_entries.append({"key": f"state/{k}", "channel": state.channel, "variable": state.variable,
                               "unit": display_unit,
-                              "r2": state.r2, "of": found.experiment.outputs[state.channel].shown.unit})
+                              "r2": state.r2, "of": localization.experiment.outputs[state.channel].shown.unit})
     return state_entries
 
 
 # -- diagnose and try ----------------------------------------------------------------------------------------------------
-def diagnosed(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
+def diagnosed(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
     """As `heavebond diagnose`; the diagrams and experiments of the selected effects can be written."""
     experiment = load_experiment(path)
-    found = diagnose(experiment, steps=int(given.get("steps", 5)), seconds=float(given.get("seconds", 600)),
-                     classes=[str(c) for c in given.get("classes", ())], progress=job.progress,
+    found = diagnose(experiment, steps=int(options.get("steps", 5)), seconds=float(options.get("seconds", 600)),
+                     classes=[str(c) for c in options.get("classes", ())], progress=job.progress,
                      growing=lambda rungs: job.tell("ladder", rungs))
     adds = [{"label": f"{f.candidate.kind} {f.candidate.place}", "count": k} for k, f in enumerate(found.added, 1)]
     chosen = {f.candidate.label for f in found.added}
@@ -162,27 +162,27 @@ def diagnosed(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
                     if e.trial is not None and e.candidate.label not in chosen][:ALTERNATIVES]
     return _result("diagnose", diagnosis_items(found), found.as_dict(), found.partial, adds=adds, others=alternatives,
                    ladder=[rung_entry(r.as_dict()) for r in found.ladder], verdict=found.verdict), {}, \
-        lambda asked: [_write_report(found, _folder(path, given))] if asked.get("report") else \
-        _write_added(experiment, found.added[:int(asked.get("count", len(found.added)))], _folder(path, given))
+        lambda asked: [_write_report(found, _folder(path, options))] if asked.get("report") else \
+        _write_added(experiment, found.added[:int(asked.get("count", len(found.added)))], _folder(path, options))
 
 
-def _write_report(found: Diagnosis, folder: Path) -> Path:
+def _write_report(diagnosis: Diagnosis, folder: Path) -> Path:
     """Write the report of `heavebond diagnose` without its other files."""
     from heavebond.reports.report import report
 
-    target = Targets.beside(found.experiment, folder).report
-    write_text(target, report(found, found.localization))
+    target = Targets.beside(diagnosis.experiment, folder).report
+    write_text(target, report(diagnosis, diagnosis.localization))
     return target
 
 
-def tried(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
+def tried(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
     """As `heavebond try`: add one effect by hand."""
     experiment = load_experiment(path)
-    found = attempt(experiment, str(given["component"]), [str(p) for p in given.get("where", ())], progress=job.progress)
+    found = attempt(experiment, str(options["component"]), [str(p) for p in options.get("where", ())], progress=job.progress)
     label = f"{found.finding.candidate.kind} {found.finding.candidate.place}"
     return _result("try", attempt_items(found), found.as_dict(), False, adds=[{"label": label, "count": 1}],
                    ladder=[rung_entry(r.as_dict()) for r in found.ladder]), {}, \
-        lambda asked: [] if asked.get("lost") else _write_added(experiment, [found.finding], _folder(path, given))
+        lambda asked: [] if asked.get("lost") else _write_added(experiment, [found.finding], _folder(path, options))
 
 
 def rung_entry(rung: Mapping[str, object]) -> Entry:
@@ -196,7 +196,7 @@ def _write_added(experiment: Experiment, findings: Sequence[AddedEffect], folder
 
 
 # -- tune ----------------------------------------------------------------------------------------------------------------
-def tuned(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
+def tuned(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
     """As `heavebond tune`; the diagram with the tuned values can be written."""
     from heavebond.numerics.dae import assemble
     from heavebond.optimise.objective import Objective
@@ -205,10 +205,10 @@ def tuned(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
     from heavebond.reports.tuning_tables import tuning_figures, tuning_items
     from heavebond.studies.tuning_request import tuning_request, with_free
 
-    asked = tuning_request(str(path), str(given["cost"]) if given.get("cost") else None,
-                           [str(t) for t in given.get("limits", ())], given.get("evaluate") or None, {})
+    asked = tuning_request(str(path), str(options["cost"]) if options.get("cost") else None,
+                           [str(t) for t in options.get("limits", ())], options.get("evaluate") or None, {})
     assembly = assemble(asked.model)
-    task = with_free(assembly, asked.task, [str(t) for t in given.get("free", ())])
+    task = with_free(assembly, asked.task, [str(t) for t in options.get("free", ())])
     objective = Objective(assembly, task)
     result = tune(objective, task, progress=job.progress, partial=True)
     early = result.message == ENDED_EARLY
@@ -219,7 +219,7 @@ def tuned(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
     def write_tuned(said: Mapping[str, Any]) -> list[Path]:
         if said.get("lost"):
             return []
-        target = _free_path(_folder(path, given) / f"{asked.model.path.stem}_tuned.yaml")
+        target = _free_path(_folder(path, options) / f"{asked.model.path.stem}_tuned.yaml")
         write(target, tuned_diagram(asked.model, task, result, target, {}))
         return [target]
 
@@ -228,14 +228,14 @@ def tuned(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
 
 
 # -- study ---------------------------------------------------------------------------------------------------------------
-def studied(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
+def studied(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
     """As `heavebond study`, which writes its cases, tables and pictures to a folder of its name."""
     from heavebond.reports.study_tables import study_items, write_study
     from heavebond.studies.campaign import run_study
     from heavebond.studies.study import load_study
     from heavebond.studies.tables import as_dict
 
-    folder = _folder(path, given) / path.stem
+    folder = _folder(path, options) / path.stem
     result = run_study(load_study(path), folder=folder, progress=job.progress)
     clear_signal()  # a stop has ended the cases; the completed ones are reported
     files = write_study(result, folder)

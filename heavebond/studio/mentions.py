@@ -28,10 +28,10 @@ class Named:
         """
         return re.compile(rf"(?<![\w.]){re.escape(self.name)}(?=(?:\[[^\[\]]*\])?\.\w)")
 
-    def means(self, raw: str, found: re.Match[str], *, node: bool) -> bool:
+    def means(self, raw: str, match: re.Match[str], *, node: bool) -> bool:
         """True if a mention in a formula belongs to the node, or else to the part."""
         if self.is_part and self.is_node:
-            member = FIRST.search(raw, found.end())
+            member = FIRST.search(raw, match.end())
             return node != (member is not None and member.group(1) in self.members)
         return True
 
@@ -61,9 +61,9 @@ def renamed_mentions(text: str, named: Named, new: str, *, node: bool) -> str:
         if wires and node and path[-1] != ":":
             return raw
 
-        def put(found: re.Match[str]) -> str:
-            mine = (not node) if wires or path[0] == "set" else named.means(raw, found, node=node)
-            return new if mine else found.group()
+        def put(match: re.Match[str]) -> str:
+            mine = (not node) if wires or path[0] == "set" else named.means(raw, match, node=node)
+            return new if mine else match.group()
 
         return pattern.sub(put, raw)
 

@@ -93,17 +93,17 @@ class Tab:
             problems = [_problem(p) for p in ([UNKNOWN] if isinstance(error, MALFORMED) else reasons(error))]
             await self.send({"id": number, "kind": "problems", "problems": problems})
 
-    async def send(self, told: dict[str, Any], values: Any = None) -> None:
+    async def send(self, entry: dict[str, Any], values: Any = None) -> None:
         """Send JSON as text; with an array as bytes: the length of the JSON (4 bytes), the JSON padded with blanks to a
         multiple of 8, the numbers row by row (float64, little endian)."""
-        text = json.dumps(_finite(told), allow_nan=False)  # in ASCII, because file names may contain lone surrogates
+        text = json.dumps(_finite(entry), allow_nan=False)  # in ASCII, because file names may contain lone surrogates
         async with self.sending:
             with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # the page has closed
                 if values is None:
                     await self.websocket.send_text(text)
                     return
-                told = {**told, "shape": list(values.shape)}
-                head = json.dumps(_finite(told), allow_nan=False).encode("ascii")
+                entry = {**entry, "shape": list(values.shape)}
+                head = json.dumps(_finite(entry), allow_nan=False).encode("ascii")
                 head += b" " * (-(4 + len(head)) % 8)
                 await self.websocket.send_bytes(len(head).to_bytes(4, "little") + head
                                                 + np.ascontiguousarray(values, "<f8").tobytes())

@@ -139,14 +139,14 @@ class Worker:
         if self._process is None:
             await asyncio.to_thread(self._start)
 
-    async def _do(self, task: str, given: tuple[Any, ...]) -> Answer:
+    async def _do(self, task: str, arguments: tuple[Any, ...]) -> Answer:
         self.stopped, self._since = False, time.monotonic()
         try:
             await self._ready()
             if self.stopped:
                 return "stopped", {}, None
             assert self._pipe is not None
-            self._pipe.send((task, given))
+            self._pipe.send((task, arguments))
             answer: Answer = await asyncio.to_thread(self._pipe.recv)
             return answer
         except (EOFError, OSError):
