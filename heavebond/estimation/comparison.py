@@ -121,11 +121,12 @@ class Channel:
 
 @dataclass(frozen=True)
 class RecordComparison:
-    """All channels of one record. `validate` is the held-out part of the record if the experiment has no validation
-    record, else None; `notes` are remarks on the interpretation of the values; `doubtful` are channels whose unit,
-    sign or time seems to differ from the experiment. Among the notes, `starts` report states with another start value
-    in the record, `feedback` inputs that depend on outputs, `slips` units, signs and zeros of channels; `elsewhere`
-    are the channels in `starts`."""
+    """All channels of one record.
+
+    `validate` is the held-out part of the record if the experiment has no validation record, else None. `notes` are
+    remarks on the interpretation of the values; `doubtful` are channels whose unit, sign or time seems to differ from the
+    experiment. Parts of the notes are listed separately: `starts` (states with another start value in the record, of the
+    channels `elsewhere`), `feedback` (inputs that depend on outputs) and `slips` (units, signs and zeros of channels)."""
 
     name: str
     use: str
@@ -365,7 +366,7 @@ def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[s
             and not slips.get(c.name) and c.name not in measured.declared]
     sure = {c.name: c for c in late if c.late is not None and c.late.explains(c.noise, fitted=adjusted)}
     notes = [f"{c.name}: {count(int(c.astray.sum()), 'more sample')} far from the model where those around are not, at "
-             f"{moments(c.time[c.astray])}; `heavebond fit --robust` lets such samples pull less"
+             f"{moments(c.time[c.astray])}; `heavebond fit --robust` reduces their weight"
              for c in channels.values() if c.astray.any()]
     notes += [_late_note(c, measured.channels[c.name].output.shift) for c in sure.values()]
     # if several errors are present, a delay is only one possible explanation

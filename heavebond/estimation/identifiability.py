@@ -84,11 +84,11 @@ def _words(direction: Array, deviation: float, names: Sequence[str], logarithmic
     equal = share[chosen].min() > 0.85 * share.max() and all(logarithmic[k] for k in chosen)
     signs = np.sign(direction[sorted(chosen)])
     if equal and abs(signs.sum()) == len(signs):
-        return f"Only the ratios between {listing(involved)} are determined: all multiplied by the same factor, the " \
-               f"records look the same (their common factor is {certainty})."
+        return f"Only the ratios between {listing(involved)} are determined: multiplying all of them by one " \
+               f"factor does not change the simulated records (their common factor is {certainty})."
     if equal and len(chosen) == 2:
-        return f"Only the product {involved[0]} * {involved[1]} is determined: one up and the other down by the same " \
-               f"factor, the records look the same (their ratio is {certainty})."
+        return f"Only the product {involved[0]} * {involved[1]} is determined: multiplying one and dividing the " \
+               f"other by a factor does not change the simulated records (their ratio is {certainty})."
     parts = ", ".join(f"{names[k]} by {10 * direction[k] / share.max():+.2g} %" for k in sorted(chosen))
-    return f"{listing(involved)} are strongly correlated: moved together ({parts}), the records look the same (that " \
-           f"combination is {certainty})."
+    return f"{listing(involved)} are strongly correlated: changing them together ({parts}) hardly changes the simulated " \
+           f"records (that combination is {certainty})."

@@ -160,7 +160,9 @@ def _arrays(exported: Portable, prefix: str) -> list[str]:
 
 
 def _limit_arrays(exported: Portable, prefix: str) -> list[str]:
-    """The messages on physical limits, and how far a variable may fall below each, by its size at the start."""
+    """The messages on physical limits, and the tolerance of each limit, in proportion to the variable's size at the
+    start.
+    """
     at_start = exported.limits(exported.assembly.begin, *([q.start for q in quantities] for quantities in (
         exported.states, exported.algebraic, exported.parameters, exported.inputs)))
     above = np.array(at_start).ravel().tolist()

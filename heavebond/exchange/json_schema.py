@@ -170,7 +170,7 @@ def component_file(known: Library) -> Schema:
     variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,
                         "nominal": QUANTITY, "count": COUNT,
                         "delayed": _object({"of": TEXT, "by": FORMULA}, ["of", "by"],
-                                           "it is another variable at an earlier time"),
+                                           "source and delay, if it is another variable at an earlier time"),
                         "physical": _said("the limit below which a run ends with an error", QUANTITY),
                         "beyond": _said("the state below `physical`, and the component that models it")}, ["unit"])
     event = _object({**dict.fromkeys((*KINDS, "from", "impulse", "moves"), FORMULA), "then": _each(FORMULA),
@@ -185,7 +185,7 @@ def component_file(known: Library) -> Schema:
         "parameters": _each(parameter), "variables": _each(variable, "own unknowns"),
         "travel_time": _said("travel time of a wave through the component, a segment of a line"),
         "initial": _each(FORMULA, "states at the start that the diagram does not give, `{z: u}`"),
-        "equations": _said("one equation a line, its name behind #", {"type": "string"}),
+        "equations": _said("one equation per line, its name after #", {"type": "string"}),
         "when": _each(event, "events of the component"), **BODY, "stores": _said("energy stored", FORMULA),
         "dissipates": _said("power lost", FORMULA), "unbalanced": _object({"power": FORMULA, "why": TEXT}, ["power", "why"]),
         "power": _said("`source`, or `controlled,` and the reason"), "requires": _said("relations between "
@@ -207,7 +207,7 @@ def function_file() -> Schema:
         "inputs": _each(quantity, "arguments in this order"),
         "outputs": _each(quantity, "results"),
         "constants": _each(_object({"unit": UNIT, "value": QUANTITY, "doc": TEXT}, ["unit", "value"]), "numbers of the law"),
-        "equations": _said("one line `name = formula` for each output and step, its name behind #", {"type": "string"})},
+        "equations": _said("one line `name = formula` for each output and step, its name after #", {"type": "string"})},
         ["function", "summary", "inputs", "outputs", "equations"])
 
 

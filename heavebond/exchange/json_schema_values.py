@@ -75,7 +75,7 @@ def signal(port: SignalPort) -> Schema:
     """The value of a signal input: a quantity, a formula, or a column of a record."""
     description = ", ".join(part for part in (port.doc, f"in {port.unit.text}") if part)
     several = LISTS[:1] if port.count is not None else ()
-    return {"description": f"{description}; or joined by a node",
+    return {"description": f"{description}; or a connection by a node",
             "anyOf": [quantity(port.unit), {"$ref": "#/definitions/column"}, *several]}
 
 

@@ -537,10 +537,10 @@ def _chance(sure: float) -> str:
 def _extra_words(separation: Separation) -> tuple[str, ...]:
     extra = separation.extra
     if extra is None:
-        return ("No further channel would either.",)
+        return ("No further channel distinguishes them either.",)
     noun = quantity(extra.unit) or "variable"
     noise = readable_difference(extra.noise, extra.unit, 2)
     if _sure(extra.chi2, separation.needed) < SURE:
-        return (f"No further channel would either; the nearest is the {noun} {extra.name}.",)
+        return (f"No further channel distinguishes them either; the best is the {noun} {extra.name}.",)
     return (f"With the {noun} {extra.name} measured as well, with a noise of {noise}, chi-square would differ by "
             f"{number(extra.chi2, 3)}.",)

@@ -271,7 +271,7 @@ class Variable:
     its `physical` limit; `beyond` describes the state there and a component that models it.
 
     With `held`, its initial value, it is not an unknown: it is constant between events, and only events change it. With
-    `delayed` it is another variable at an earlier time, and no equation of the component determines it.
+    `delayed` source and delay, if it is another variable at an earlier time, and no equation of the component determines it.
     """
 
     name: str

@@ -76,7 +76,7 @@ class Scope:
         return next((group[word] for group in groups if word in group), None)
 
     def length(self, name: Name) -> Shape:
-        """The shape of a name's value, with every whole number at 3; None for a number."""
+        """The shape of a name's value, computed with every integer parameter at 3; None for a number."""
         word = name.parts[0]
         item = (self.component.ports.get(word) or self._item(word)) if isinstance(word, str) else None
         if item is None or item.count is None:

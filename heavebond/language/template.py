@@ -338,8 +338,8 @@ def _elements(shape: Shape) -> list[str]:
 
 
 def held_interval(variable: Variable) -> Interval:
-    """Interval of a held variable: its bounds, with bounds at zero moved slightly beyond, because it may be zero and must
-    not be a divisor then.
+    """The bounds of a held variable as an interval, with bounds at zero extended slightly beyond: a held variable may be
+    zero, so equations must not be divided by it.
     """
     low, high = _interval(variable.low, variable.high)
     return -BEYOND if low == 0 else low, BEYOND if high == 0 else high

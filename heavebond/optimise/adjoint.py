@@ -351,7 +351,8 @@ def _other_states(run: Result) -> SimulationError:
     assert isinstance(changes, list)
     before, after = (", ".join(changes[0][k]) for k in ("before", "after"))
     return SimulationError([Problem(
-        CHARTS, f"the states change at t = {changes[0]['time']:.6g} s; a run backwards goes through one choice only", None,
+        CHARTS, f"the states change at t = {changes[0]['time']:.6g} s; a backward run supports one choice of states "
+                "only", None,
         "Take forward sensitivities: simulate(..., sensitivities=[...]). `tune` does so by itself.",
         (f"{before} -> {after}",))])
 

@@ -109,7 +109,7 @@ class Verdict:
 
     @property
     def best(self) -> float:
-        """The least error of a difference, NaN where no runs could be made."""
+        """The least error of a difference, NaN if no run was possible."""
         known = [e for e in self.steps.values() if np.isfinite(e)]
         return min(known, default=float("nan"))
 

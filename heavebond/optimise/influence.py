@@ -118,12 +118,10 @@ def _check(assembly: Assembly, chosen: Sequence[str], possible: Sequence[str]) -
     solved = [name for name in chosen if name in assembly.model.initial.solve]
     zero = [name for name in chosen if name not in possible and name not in solved]
     if solved:
-        raise UsageError([Problem("parameter-solved", f"{listing(solved)} cannot be moved: parameters under `solve:` "
-                                                      "follow from the start", None, "Take it out of `solve:` and give it "
-                                                                                     "a value.")])
+        raise UsageError([Problem("parameter-solved", f"{listing(solved)} cannot be varied: parameters under `solve:` "
+                                  "follow from the start", None, "Take it out of `solve:` and give it a value.")])
     if zero:
-        raise UsageError([Problem("parameter-zero", f"relative to {listing(zero)} there is no relative influence: its "
-                                  "value is zero", None,
+        raise UsageError([Problem("parameter-zero", f"{listing(zero)} has no relative influence: its value is zero", None,
                                   f"Give it a value, for example --set {zero[0]}='...'.")])
     if not chosen:
         raise UsageError([Problem("parameters-missing", f"{assembly.model.name} has no parameter that is not zero")])

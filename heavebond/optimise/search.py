@@ -151,7 +151,7 @@ def _trust(memo: _Seen, first: Array, most_steps: int, known_best: Sequence[Eval
         step = _quadratic_step(at, curvature, radii, penalty)
         settled = step.gain < SEARCH.converged * max(abs(at.cost), 1e-300)
         if settled or radii.max() < SEARCH.min_radius or idle >= 2:
-            return "settled" if settled or idle >= 2 else "no shorter step leads on"
+            return "settled" if settled or idle >= 2 else "no shorter step improves the cost"
         trial_at = np.clip(at.at + step.d, 0, 1)
         growth = problem.growth(trial_at)
         if calm and not growth < OBJECTIVE.max_growth:
@@ -211,8 +211,8 @@ def _to_guard(problem: Objective, at: Array, d: Array) -> float:
 
 
 def _first_curvature(at: Evaluation) -> Array:
-    """The curvature from the sensitivities of signals; without these a curvature for which the first step, downhill, is
-    as long as the trust region."""
+    """Initial curvature from the sensitivities of signals. Without them, a multiple of the identity that makes the first
+    step as long as the trust region."""
     assert at.gradient is not None
     if (known := _definite(at.curvature)) is not None:
         return known

@@ -230,7 +230,7 @@ def _spaced(node: Mapping, name: str, problems: Problems) -> list[Scalar] | None
         return None
     number = int(count[0])
     if count[1].dimension or number != count[0] or not 2 <= number <= MOST_LEVELS:
-        problems.add("number-wrong", f"{name}: `number` is how many values there are, both ends among them",
+        problems.add("number-wrong", f"{name}: `number` is the number of values, including both ends",
                      node.items["number"].place, hint="Write for example `number: 11`.")
         return None
     return [Scalar(unit.written(value), node.items["from"].place) for value in np.linspace(low, high, number).tolist()]

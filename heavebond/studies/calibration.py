@@ -179,7 +179,7 @@ class _Problem:
     def _died(self, k: int, _: BaseException) -> Point:
         """Raise an error for a case whose process died twice: without it the sum of squares would be another function."""
         case = ", ".join(level.name for level in self.study.case(k).levels)
-        raise SimulationError([Problem("worker-died", f"the process that worked the case '{case}' of the calibration was "
+        raise SimulationError([Problem("worker-died", f"the process of the case '{case}' of the calibration was "
                                        "ended from outside, also alone: there may be too little memory", None,
                                        "Run fewer cases at a time (--processes 1), or use a machine with more memory.")])
 

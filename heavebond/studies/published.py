@@ -60,7 +60,7 @@ def read_beside(node: Node | None, axes: Sequence[Axis], quantities: Sequence[st
         numbers = {}
         for name, entry in (entries.items if entries else {}).items():
             if name not in quantities:
-                problems.add("quantity-unknown", f"'{name}' is nothing that this study measures or tunes",
+                problems.add("quantity-unknown", f"'{name}' is neither measured nor tuned in this study",
                              entries.keys[name].place if entries else entry.place,
                              hint=suggest(name, quantities) or f"Known: {listing(quantities)}.")
                 continue

@@ -480,5 +480,5 @@ def _check_picture(name: str, kind: str, names: Many[str], axes: Many[Axis], qua
                      hint=f"Add `uncertain: {{sample: ..., over: {{...}}}}` to `cases:`, sampled by {listing(fitting)}.")
     for quantity in names:
         if quantity not in quantities:
-            problems.add("quantity-unknown", f"'{quantity}' is nothing that this study measures or tunes", place,
+            problems.add("quantity-unknown", f"'{quantity}' is neither measured nor tuned in this study", place,
                          hint=suggest(quantity, quantities) or f"Known: {listing(quantities)}.")
