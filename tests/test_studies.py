@@ -374,8 +374,8 @@ def test_conditions_are_timed_and_counted() -> None:
    12 |     transmission: {sofft: [1.2, -, 0.6]}
       |                   ^
   Levels: spring: hard, soft; f: 1 Hz, 2 Hz, 4 Hz."""),
-    ("    transmission: {", "    transmision: {", """study.yaml:12: 'transmision' is nothing that this study measures or """
-     """tunes [quantity-unknown]
+    ("    transmission: {", "    transmision: {", """study.yaml:12: 'transmision' is neither measured nor tuned in """
+     """this study [quantity-unknown]
    12 |     transmision: {soft: [1.2, -, 0.6]}
       |     ^^^^^^^^^^^
   Did you mean 'transmission'?"""),
