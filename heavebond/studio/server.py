@@ -20,16 +20,14 @@ from starlette.websockets import WebSocket
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.limits import FILE_BYTES
-from heavebond.studio import evidence_requests, file_requests, run_requests
 from heavebond.studio.folder import Folder
 from heavebond.studio.long_jobs import LongJobs
 from heavebond.studio.page_safety import ALONE, Guard, new_token, policy
 from heavebond.studio.record_upload import store
-from heavebond.studio.tab import Handler, Tab
+from heavebond.studio.requests import HANDLERS
+from heavebond.studio.tab import Tab
 from heavebond.studio.workers import Pool, reasons
 
-# path of the requests of a page
-HANDLERS: dict[str, Handler] = {**file_requests.HANDLERS, **run_requests.HANDLERS, **evidence_requests.HANDLERS}
 PORT, PORTS = 8437, 20  # the first port that is tried, and their number; the browser keeps drafts of unsaved texts by port
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
