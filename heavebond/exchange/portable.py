@@ -22,26 +22,31 @@ from heavebond.equations.events import FlatEvent, Held
 from heavebond.equations.flatten import unclocked
 from heavebond.equations.reduce import reduce
 from heavebond.equations.resolver import Unknown
-from heavebond.exchange.stop_events import stop_events
+from heavebond.equations.time_conditions import NEVER
 from heavebond.language.definition import FileInput
 from heavebond.language.model import Model
 from heavebond.language.sections import Setting
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.co_simulation import foreign_parts
 from heavebond.numerics.dae import Array, Assembly, assemble, build
+from heavebond.numerics.forcing import Forcing, switch_arguments
 from heavebond.numerics.impulses import yielding
 from heavebond.numerics.initialise import Start, held_still, start
 from heavebond.numerics.inputs import pieced
 from heavebond.numerics.jumps import differentiated
 from heavebond.numerics.matrices import null_space, scaled
 from heavebond.numerics.newton import weights
+from heavebond.numerics.output_times import grid
 from heavebond.numerics.physical_limits import limited
 from heavebond.numerics.result import signal_expression
 from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquations
+from heavebond.numerics.time_search import rounding
 
 AT_ONCE = 1e-6  # s; only the beginning of the records is needed
 DERIVED = ("scale.", "initial.", "history.")  # these are parameters of a run, not of the machine
+MOST_INSTANTS = 500  # limit of instants of an export
+LEVELS = (0.0, -1.0, 1.0, -4.0, 4.0)  # values of a linear expression in an exponential or a power
 
 
 @dataclass(frozen=True)
@@ -339,3 +344,41 @@ def _outputs(assembly: Assembly, names: Iterable[str], expressions: ca.SX, first
         shown_output = assembly.model.show.get(name)
         yield Quantity(name, read_unit(shown_output.unit) if shown_output else units[name], float(value),
                        shown_output.text if shown_output and shown_output.text != name else "")
+
+
+# -- instants at which an integrator stops -----------------------------------------------------------------------------
+def stop_events(assembly: Assembly) -> list[FlatEvent]:
+    """Time events that set nothing, at the instants at which functions of time have kinks or fast transitions.
+
+    A run of a diagram determines these instants with its parameters (`numerics.forcing`). A program that runs an export has a
+    separate integrator and may change parameters, so it needs formulas: for each function of time, the zeros of the linear
+    expressions at which `min`, `max`, `abs`, `sign` and comparisons may switch, and the zeros and the ends of the steep part
+    of linear expressions in powers and exponentials. If another branch is active, such an instant is superfluous and has no
+    effect.
+    """
+    forcing: Forcing = assembly.once("forcing", lambda: Forcing(assembly))
+    if not forcing.parts:
+        return []
+    time, p = assembly.arguments[0], assembly.arguments[3]
+    roots = _roots(forcing.parts, time)
+    known = np.array(ca.Function("known", [p], [stack(roots)])(assembly.p)).ravel()
+    if assembly.model.until is not None:  # instants without a formula, with the parameters of the diagram
+        times = forcing.stops(grid(assembly.model, None, None), assembly.p).times
+        near = np.abs(times[:, None] - known[None, :]).min(axis=1, initial=np.inf) <= 4 * rounding(times)
+        roots += [ca.SX(t) for t in times[~near].tolist()]
+    place = next(iter(assembly.flat.expanded.leaves.values())).place
+    return [FlatEvent(f"stop_{k}", "stop", place, None, root, None, ()) for k, root in enumerate(roots[:MOST_INSTANTS], 1)]
+
+
+def _roots(parts: list[ca.SX], time: ca.SX) -> list[ca.SX]:
+    """Times at which linear expressions in functions of time are zero, or at the ends of their steep part."""
+    roots: dict[str, ca.SX] = {}
+    for expressions, levels in zip(switch_arguments(parts, time)[1:], ((0.0,), LEVELS), strict=True):
+        for expression in expressions:
+            slope = ca.jacobian(expression, time)
+            if slope.nnz() and not ca.depends_on(slope, time):
+                first = ca.substitute(expression, time, ca.SX(0))
+                for level in levels:
+                    root = ca.if_else(slope == 0, NEVER, (level - first) / slope)
+                    roots.setdefault(str(root), root)
+    return list(roots.values())
