@@ -350,11 +350,11 @@ def _outputs(assembly: Assembly, names: Iterable[str], expressions: ca.SX, first
 def stop_events(assembly: Assembly) -> list[FlatEvent]:
     """Time events that set nothing, at the instants at which functions of time have kinks or fast transitions.
 
-    A run of a diagram determines these instants with its parameters (`numerics.forcing`). A program that runs an export has a
-    separate integrator and may change parameters, so it needs formulas: for each function of time, the zeros of the linear
-    expressions at which `min`, `max`, `abs`, `sign` and comparisons may switch, and the zeros and the ends of the steep part
-    of linear expressions in powers and exponentials. If another branch is active, such an instant is superfluous and has no
-    effect.
+    A run of a diagram determines these instants with its parameters (`numerics.forcing`). A program that runs an export
+    has a separate integrator and may change parameters, so it needs formulas: for each function of time, the zeros of the
+    linear expressions at which `min`, `max`, `abs`, `sign` and comparisons may switch, and the zeros and the ends of the
+    steep part of linear expressions in powers and exponentials. If another branch is active, such an instant is
+    superfluous and has no effect.
     """
     forcing: Forcing = assembly.once("forcing", lambda: Forcing(assembly))
     if not forcing.parts:
