@@ -52,8 +52,8 @@ def _drawn(localization: Localization, output: Path) -> list[Path]:
     from heavebond.pictures.plot import save
     from heavebond.pictures.plot_where import plot_misfit, plot_place
 
-    files = [save(plot_place(localization, s.place.name), _numbered(output, k)) for k,
-             s in enumerate(best_of_each_group(localization), 1)]
+    files = [save(plot_place(localization, s.place.name), _numbered(output, k))
+             for k, s in enumerate(best_of_each_group(localization), 1)]
     return [*files, save(plot_misfit(localization), output.with_stem(output.stem + "_misfit"))]
 
 

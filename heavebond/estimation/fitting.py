@@ -171,8 +171,8 @@ class Fit:
     @property
     def record_values(self) -> dict[str, dict[str, float]]:
         """Estimated values that are separate for each record, by the names of record and parameter, in SI."""
-        values_by_record: dict[str, dict[str, float]] = {name: dict(held_out_values.values) for name,
-                                                         held_out_values in self.held_out.items()}
+        values_by_record: dict[str, dict[str, float]] = {name: dict(held_out_values.values)
+                                                         for name, held_out_values in self.held_out.items()}
         for p in self.parameters:
             if p.record:
                 values_by_record.setdefault(p.record, {})[p.name] = p.value
@@ -183,8 +183,8 @@ class Fit:
         return {
             "parameters": {p.name + (f" ({p.record})" if p.record else ""): {**p.as_dict(), "before": p.before}
                            for p in self.parameters},
-            "held_out": {name: {"values": dict(held_out_values.values), "seconds": held_out_values.seconds} for name,
-                         held_out_values in self.held_out.items()},
+            "held_out": {name: {"values": dict(held_out_values.values), "seconds": held_out_values.seconds}
+                         for name, held_out_values in self.held_out.items()},
             "correlation": self.correlation.tolist(), "identifiability": list(self.identifiability.words),
             "chi2_per_sample": self.chi2, "samples": self.samples, "cost_of_each_start": list(self.cost),
             "history": list(self.history), "evaluations": self.evaluations, "message": self.message,

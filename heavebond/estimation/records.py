@@ -134,8 +134,8 @@ def measure(experiment: Experiment, record: Record) -> Measured:
     grid, indices = merged([window[:1], *(c.time - c.output.shift for c in samples_by_name.values())], [*sampled, window])
     samples_by_name = {name: replace(c, index=index) for (name, c),
                        index in zip(samples_by_name.items(), indices[1:], strict=True)}
-    samples_by_name = {name: _with_input_noise(experiment, record, k, c) for k,
-                       (name, c) in enumerate(samples_by_name.items())}
+    samples_by_name = {name: _with_input_noise(experiment, record, k, c)
+                       for k, (name, c) in enumerate(samples_by_name.items())}
     most = max((len(c.time) for c in samples_by_name.values()), default=0)
     if most < MIN_SAMPLES:
         raise DataError([Problem(
@@ -206,8 +206,8 @@ def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> tuple[
     for name, output in experiment.outputs.items():
         origin = experiment.origin_of(record, name)
         assert origin.file is not None and origin.time_column is not None
-        time_and_channels += [(channel_name, origin.file, origin.time_column, column, unit, output.place) for channel_name,
-                              column, unit in (
+        time_and_channels += [(channel_name, origin.file, origin.time_column, column, unit, output.place)
+                              for channel_name, column, unit in (
             (TIME, origin.time_column, origin.time_unit), (name, output.column, output.shown.unit))]
     notes, units = dict[str, None](), dict[str, Unit]()
     for channel_name, file, time, name, unit, place in time_and_channels:

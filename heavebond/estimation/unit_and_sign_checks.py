@@ -117,7 +117,8 @@ def seems_in_another_unit(measured: Array, model: Array, unit: str, declared: Un
         return None
     given = read_unit(unit)
     off = {text: abs(math.log(factor * candidate.scale / given.scale)) for text in USUAL if text != unit
-           for candidate in [read_unit(text)] if _same_kind(given, candidate)}
+           for candidate in [read_unit(text)]
+           if given.dimension == candidate.dimension and given.offset == candidate.offset == 0}
     best = min(off, key=lambda text: off[text], default=unit)
     if best == unit or off[best] > math.log(UNIT_CHECKS.unit_left):
         return None
@@ -181,10 +182,6 @@ def seems_from_another_zero(measured: Array, model: Array, unit: str, formula: s
     return f"lies {number(abs(mean) / declared.scale, 3)} {unit} {side} the model throughout, about the pressure of the " \
         f"atmosphere: if the sensor shows pressure {sensor} and the model's is {wanted}, write " \
         f"`is: {formula} {'-' if mean < 0 else '+'} {number(ATMOSPHERE / declared.scale, 6)} {unit}`"
-
-
-def _same_kind(one: Unit, other: Unit) -> bool:
-    return one.dimension == other.dimension and one.offset == other.offset == 0
 
 
 def _likeness(measured: Array, model: Array) -> tuple[float, float]:

@@ -81,7 +81,8 @@ class PreparedAlternative:
         self.names = list(experiment.free)
         self.fitted = np.array([self.assembly.parameter_values[name] for name in self.names])
         self.low, self.high = (np.array([getattr(r, end) for r in ranges]) for end in ("low", "high"))
-        self.precision = np.sqrt([_precision(r.nominal, r.high) for r in ranges])
+        # 1/sigma of each prior, 0 without one
+        self.precision = np.sqrt([0.0 if r.nominal is None else (2 / (r.high - r.nominal)) ** 2 for r in ranges])
         self.probe = Probe(self.assembly, [o.shown.text for o in experiment.outputs.values()], si=True)
 
     def pieced(self, known: Mapping[str, Array]) -> Pieced:
@@ -146,11 +147,6 @@ class PreparedAlternative:
             if distance(own) > 0.99 * before:
                 break
         return np.asarray((other.values - own.values) * weight[:, None])
-
-
-def _precision(nominal: float | None, high: float) -> float:
-    """1/sigma**2 of a data sheet's tolerance, 0 without one."""
-    return 0.0 if nominal is None else (2 / (high - nominal)) ** 2
 
 
 POINTS = 1000  # largest number of simulated samples of an input
@@ -316,7 +312,8 @@ def separate(alternatives: Sequence[Alternative], *, machine: Experiment | None 
                  for p in family(k.name, frame.time, frame.seen[k.name])]
     names = list(alternatives[0].experiment.outputs)
     tried: list[SimulatedInput] = []
-    for k, proposal in enumerate(_mixed(proposals), 1):
+    # an order with shapes of all kinds early: every fifth, then the ones after these
+    for k, proposal in enumerate([p for first in range(5) for p in proposals[first::5]], 1):
         if clock.perf_counter() - began > seconds and tried:
             break
         say(f"simulating input {k} of {len(proposals)}: {proposal.input}, {proposal.shape}")
@@ -405,11 +402,6 @@ def _refitted(rivals: Sequence[PreparedAlternative], frame: _Frame, tried: Seque
     return sorted(order, key=lambda t: (not t.refitted, *_merit(t)))  # an estimate by the tangent does not count
 
 
-def _mixed(proposals: Sequence[Proposal]) -> list[Proposal]:
-    """All proposals in an order with shapes of all kinds early: every fifth, then the ones after these."""
-    return [p for first in range(5) for p in proposals[first::5]]
-
-
 def _merit(tried: SimulatedInput) -> tuple[float, float]:
     """Sort key, smaller is better: number of decided pairs, and distinctness of the least distinct one."""
     return -tried.decided, -tried.least.chi2
@@ -455,8 +447,8 @@ def _measured_too(rivals: Sequence[PreparedAlternative], frame: _Frame, runs: Se
     weight = np.sqrt(np.append(frame.weight, frame.weight.max())) / np.append(frame.noise, noise)
     cut = [AlternativeRun(s.p, s.values[rows], s.moved[:, rows]) for s in runs]
     pairs = [(a, b) for a in range(len(cut)) for b in range(len(cut)) if a != b]
-    return AdditionalSensor(name, unit, noise, min(float(np.sum(rivals[a].left(cut[a], cut[b], weight)[0] ** 2)) for a,
-                                                   b in pairs))
+    return AdditionalSensor(name, unit, noise, min(float(np.sum(rivals[a].left(cut[a], cut[b], weight)[0] ** 2))
+                                                   for a, b in pairs))
 
 
 def _separation(alternatives: Sequence[Alternative], rivals: Sequence[PreparedAlternative], frame: _Frame,

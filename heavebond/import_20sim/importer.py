@@ -382,8 +382,8 @@ class _Writer:
                 renamed.update({f"{path}.{a}": f"{path}.{b}" for a, b in match.ports.items()})
             elif isinstance(component, Component):
                 renamed.update({f"{path}.{a}": f"{path}.{b}" for a, b in component.shown.items()})
-        bonds = {f"{path}.{name}": item for path, component in self.translator.components for name,
-                 item in component.items.items()
+        bonds = {f"{path}.{name}": item for path, component in self.translator.components
+                 for name, item in component.items.items()
                  if item.kind == "bond"}
         names: dict[str, str] = {}
         for plotted in self.emx.plotted:

@@ -54,8 +54,8 @@ def _store(component: Component, branch: Kept, jumps: list[Event]) -> None:
     if len(f.text(value)) > SHORT and defined_everywhere(value, {item.name for item in component.of_kind("parameter")}):
         name = component.fresh(f"{branch.name.removesuffix('_kept')}_value")
         component.items[name] = Item(name, "variable", "", f"the value of the branch that {branch.name} keeps")
-        component.equations = [(left, _replaced(right, value, f.name(name)), said) for left, right,
-                               said in component.equations]
+        component.equations = [(left, _replaced(right, value, f.name(name)), said)
+                               for left, right, said in component.equations]
         component.equations.append((f.name(name), value, ""))
         value = f.name(name)
     instant = f"{branch.name}_at"

@@ -245,8 +245,8 @@ def _imported(component: Component, joined: set[str]) -> Law | None:
     if not (taken or bonds):
         return None
     try:
-        equations = tuple(parse_equation(f"{f.text(left)} = {f.value_text(right)}") for left, right,
-                          _ in component.equations)
+        equations = tuple(parse_equation(f"{f.text(left)} = {f.value_text(right)}")
+                          for left, right, _ in component.equations)
     except ValueError:
         return None
     return Law(equations, bonds, inputs, taken, parameters, inner)

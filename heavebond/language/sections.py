@@ -67,8 +67,8 @@ def read_settings(node: Node | None, source: Source, problems: Problems) -> dict
         assert entries is not None
         path, place = reading.element_path(key), entries.keys[key].place
         if isinstance(item, Mapping) and "values" in item.items:
-            settings.update({k: Setting(k, v, place) for k,
-                             v in reading.column_values(item, path, source, problems).items()})
+            settings.update({k: Setting(k, v, place)
+                             for k, v in reading.column_values(item, path, source, problems).items()})
         elif isinstance(item, Mapping):
             if (record := reading.file_input(item, source, problems, path)) is not None:
                 settings[path] = Setting(path, record, place)

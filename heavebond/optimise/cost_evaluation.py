@@ -61,7 +61,7 @@ class Evaluator:
         self.factors = Factors(ca.SX.sym("w", n_q), np.ones(n_q))
         gate = _gate(assembly.arguments[0], begin, min(begin, RAMP * (end - begin)))
         scaled = [_until(gate, self.factors.symbols[k] * f.signal) for k, f in enumerate(self.integrated)]
-        self.quadratures = stack([_integrand(f.kind, s) for f, s in zip(self.integrated, scaled, strict=True)])
+        self.quadratures = stack([s ** POWERS.get(f.kind, 1) for f, s in zip(self.integrated, scaled, strict=True)])
         self._integrated = _functional_sensitivities(assembly, self.integrated)
         self._finals = _functional_sensitivities(assembly, self.functionals)
         modal = any(f.kind in NUMBERS for f in self.functionals)
@@ -242,11 +242,6 @@ def _until(gate: ca.SX, scaled: ca.SX) -> ca.SX:
     """A scaled signal, limited to MOST before the gate opens: the integrator still resolves it, but a large transient
     cannot dominate."""
     return scaled if gate.is_constant() else (held := MOST * ca.tanh(scaled / MOST)) + gate * (scaled - held)
-
-
-def _integrand(kind: str, signal: ca.SX) -> ca.SX:
-    """Integrand of a scaled signal: zero if the signal is zero."""
-    return signal ** POWERS.get(kind, 1)
 
 
 def _from_integral(kind: str, integral: float, length: float, size: float) -> tuple[float, float]:

@@ -55,8 +55,8 @@ class Kinks:
         if not self.kinks:
             return []
         differ = self._sides(one) != self._sides(other)
-        crossings = [KinkCrossing(kink, float(one.time[np.argmax(row)])) for kink,
-                     row in zip(self.kinks, differ, strict=True)
+        crossings = [KinkCrossing(kink, float(one.time[np.argmax(row)]))
+                     for kink, row in zip(self.kinks, differ, strict=True)
                      if row.any()]
         return sorted(crossings, key=lambda passing: passing.time)
 

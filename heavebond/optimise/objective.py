@@ -112,8 +112,8 @@ def tuning_task(free: Mapping[str, Range | str], cost: str, *, limits: Sequence[
     with samples in a loop). Raises UsageError for a range or a time that cannot be read; `tune` raises it for unknown
     names and wrong units, and if `stable` is True and cannot be decided.
     """
-    case_list = (Case("diagram", {}),) if cases is None else tuple(Case(name, dict(values)) for name,
-                                                                   values in cases.items())
+    case_list = (Case("diagram", {}),) if cases is None else tuple(Case(name, dict(values))
+                                                                   for name, values in cases.items())
     return TuningProblem(ranges(free), cost, tuple(limits), None if begin is None else seconds(begin, "begin"),
                          None if end is None else seconds(end, "end"), reference, case_list, stable=stable)
 
@@ -346,8 +346,8 @@ class Objective:
     def at_rest(self, values: Mapping[str, float]) -> tuple[Case, RestStability, OperatingPointStability] | None:
         """The least stable case at its operating point with parameters in SI; None if a case has no equilibrium.
         StartError if one has no start."""
-        stabilities = [(case, machine, machine.at(values)) for case,
-                       machine in zip(self.task.cases, self.machines, strict=True)]
+        stabilities = [(case, machine, machine.at(values))
+                       for case, machine in zip(self.task.cases, self.machines, strict=True)]
         stabilities_at_rest = [(case, machine, rest_point) for case, machine, rest_point in stabilities
                                if rest_point is not None]
         return max(stabilities_at_rest, key=lambda f: f[2].worst) if len(stabilities_at_rest) == len(stabilities) else None

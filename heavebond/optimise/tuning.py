@@ -112,7 +112,8 @@ def _told(problem: Objective, task: TuningProblem, results: Sequence[SearchResul
     say("margins of stability")
     with finishing(say):
         return Tuned(task, values, best.best.cost, _before(problem), dict(best.best.cases),
-                     limits, tuple(_path(problem, f) for f in results), problem.runs, problem.simulations, message,
+                     limits, tuple(tuple(TuningEvaluation(problem.values(e.at), e.cost) for e in f.path) for f in results),
+                     problem.runs, problem.simulations, message,
                      stability_of(problem, values), ends(problem, values, {}))
 
 
@@ -231,10 +232,6 @@ def limit_of_stability(problem: Objective, y: Array, k: int, end: float) -> floa
 def _before(problem: Objective) -> float:
     """The cost of the diagram's values, infinite beyond the stability boundary (where runs are long)."""
     return problem.cost(problem.start) if problem.calm(problem.start) else np.inf
-
-
-def _path(problem: Objective, result: SearchResult) -> tuple[TuningEvaluation, ...]:
-    return tuple(TuningEvaluation(problem.values(e.at), e.cost) for e in result.path)
 
 
 def starting_points(problem: Objective, explore: int, starts: int, seed: int, say: Progress) -> list[Array]:

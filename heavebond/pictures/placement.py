@@ -406,8 +406,8 @@ class _Search:
     def _side(self, piece: Piece, port: str, partners: list[Place]) -> tuple[str, tuple[float, float]]:
         """The side for a port, and its order along it: by the place of its nearest neighbour; of two in one line the
         farther one is first or last, so that the wires need not cross."""
-        best = min(((extra + wire_cost(place, neighbour), place[2], neighbour) for place,
-                    extra in self._places(piece.name, port)
+        best = min(((extra + wire_cost(place, neighbour), place[2], neighbour)
+                    for place, extra in self._places(piece.name, port)
                     for neighbour in partners), key=lambda item: item[0])
         x, y = (cell * pitch for cell, pitch in zip(self.cells[piece.name], (PITCH_X, PITCH_Y), strict=True))
         dx, dy = best[2][0] - x, best[2][1] - y

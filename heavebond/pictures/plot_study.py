@@ -170,8 +170,8 @@ def _mean_curves(panel: Axes, result: StudyResult, name: str, k: int) -> None:
                           enumerate(zip(result.study.axes, levels, strict=True)) if n not in (k, at))
         lines.setdefault(label, {}).setdefault(unit.from_si(levels[k].value), []).append(result.value(outcome, name))
     for n, (label, at_x) in enumerate(lines.items()):
-        known = {x: values[np.isfinite(values)] for x,
-                 values in ((x, np.array(values_found)) for x, values_found in at_x.items())}
+        known = {x: values[np.isfinite(values)]
+                 for x, values in ((x, np.array(values_found)) for x, values_found in at_x.items())}
         known = {x: values for x, values in known.items() if len(values)}
         means = np.array([values.mean() for values in known.values()])
         bars = np.nan_to_num([interval_of_mean(values)[1] for values in known.values()] - means)

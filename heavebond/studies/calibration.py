@@ -112,8 +112,8 @@ def calibrate(study: Study, executor: Executor | None = None, ahead: int = 1, pr
                      bounds=(0.0, 1.0), method="trf", x_scale="jac", ftol=SETTLED, xtol=SETTLED, gtol=1e-6, max_nfev=MOST)
     best = problem.at(solution.x)
     after = problem.values(solution.x)
-    ends = {name: "low" if y < AT_END else "high" if y > 1 - AT_END else "" for name,
-            y in zip(after, solution.x, strict=True)}
+    ends = {name: "low" if y < AT_END else "high" if y > 1 - AT_END else ""
+            for name, y in zip(after, solution.x, strict=True)}
     return Calibrated({name: (problem.before[name], value) for name, value in after.items()},
                       {name: end for name, end in ends.items() if end}, tuple(problem.compared(best.points)),
                       tuple(problem.history), problem.simulations, str(solution.message))

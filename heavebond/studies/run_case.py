@@ -177,8 +177,8 @@ def measured(study: Study, assembly: Assembly, by: Sequence[str] = ()
     cost_gradients = evaluator.cost_values(numbers, slopes, references, run.p,
                                            run.along.p if run.along is not None else np.zeros((0, len(run.p))))
     return ({name: value for name, (value, _) in zip(study.measures, cost_gradients, strict=True)}, run,
-            {name: dict(zip(by, slope.tolist(), strict=True)) for name,
-             (_, slope) in zip(study.measures, cost_gradients, strict=True)
+            {name: dict(zip(by, slope.tolist(), strict=True))
+             for name, (_, slope) in zip(study.measures, cost_gradients, strict=True)
              } if by else {})
 
 
@@ -198,8 +198,8 @@ def _signals(study: Study, run: Result | None) -> tuple[tuple[float, ...], dict[
     if run is None or not study.signals:
         return (), {}
     step = math.ceil(len(run.time) / MOST_POINTS)
-    signals = {name: [float(f"{v:.{DIGITS}g}") for v in values[::step]] for name,
-               values in run.signals(study.signals).items()}
+    signals = {name: [float(f"{v:.{DIGITS}g}") for v in values[::step]]
+               for name, values in run.signals(study.signals).items()}
     return tuple(float(f"{t:.{DIGITS}g}") for t in run.time[::step]), signals
 
 
