@@ -90,7 +90,7 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     else:
         kept_lines.remove()
     if files and result.partial:
-        console.print(f"look at it: heavebond compare {files[-1]}", soft_wrap=True)
+        console.print(f"to see its errors: heavebond compare {files[-1]}", soft_wrap=True)
     elif files:
         look = "fit" if result.started else "compare"  # a comparison would begin with the starts of the diagram
         console.print(f"next: heavebond {look} {files[-1]}; heavebond diagnose {files[-1]}", soft_wrap=True)

@@ -32,7 +32,7 @@ MOST = 4
 @click.argument("model")
 @at_options
 @click.option("--slowest", metavar="COUNT", type=Whole(1),
-              help="Compute so many modes, the slowest; of more than 300 states 30 by default.")
+              help="Number of the slowest modes to compute; 30 by default above 300 states.")
 @set_option
 @json_option
 def modes(model: str, at: str | None, steady: bool, slowest: int | None, settings: tuple[str, ...]) -> dict[str, object]:

@@ -27,7 +27,7 @@ KEYWORDS = frozenset(re.findall(
 
 
 def export_c(model: Model, path: str | Path, inputs: Iterable[str] = ()) -> Portable:
-    """Write the equations of a diagram as C; every external name in it begins with that of the file."""
+    """Write the equations of a diagram as C; every external name in it begins with the name of the file."""
     path = Path(path)
     prefix = c_name(path.stem)
     exported = portable(model, inputs, f"{prefix}_")

@@ -15,7 +15,8 @@ from heavebond.import_20sim.sidops_tree import Expr
 
 def with_conditions_before(values: Mapping[str, Expr]) -> dict[str, Expr]:
     """The values assigned by branches that end themselves, by variable, with their conditions written with the values
-    before. A variable on which its own condition depends through others was read before it was assigned."""
+    before the instant. If the condition of a variable depends on the variable itself through others, it was read
+    before its assignment."""
     flags: dict[str, Expr] = {}
     for name, value in values.items():
         conditions = _conditions(value)

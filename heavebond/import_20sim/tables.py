@@ -59,7 +59,7 @@ def _rows(folder: Path, name: str, line: int) -> tuple[str, list[list[str]]]:
     file = PureWindowsPath(name).name
     path = folder / file
     if not file or not path.is_file():
-        raise Unreadable(line, f"the table '{file or name}' is not beside the model")
+        raise Unreadable(line, f"the table '{file or name}' is not in the folder of the model")
     if path.stat().st_size > FILE_BYTES:
         raise Unreadable(line, f"the table '{file}' has more than {FILE_BYTES // 1_000_000} MB")
     rows = [[w for w in re.split(r"[\s,;]+", row.partition("//")[0].partition("%")[0]) if w]

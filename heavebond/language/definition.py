@@ -332,7 +332,7 @@ class Formula:
 
 @dataclass(frozen=True)
 class Reset:
-    """What an event sets: a held variable or a state, `target` with its place in the file, to a new value."""
+    """Assignment of an event: a held variable or a state, `target` with its place in the file, and its new value."""
 
     target: Formula
     value: Formula

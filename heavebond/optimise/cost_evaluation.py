@@ -192,7 +192,7 @@ class Evaluator:
         return float(cost.value(inner, p)), np.where(is_reference, 0.0, by_value), by_p
 
     def cost_values(self, values: Array, slopes: Array, references: Array, p: Array, dp: Array) -> list[tuple[float, Array]]:
-        """Each cost and its gradient (m,), from the functionals of the run and those of the reference run."""
+        """Each cost and its gradient (m,), from the functionals of the run and of the reference run."""
         costs_with_gradients = []
         first = 0
         for cost in self.costs:

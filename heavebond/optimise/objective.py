@@ -70,7 +70,7 @@ OBJECTIVE = ObjectiveConstants()
 
 @dataclass(frozen=True)
 class Case:
-    """One condition of operation: values set beside the free ones (a sea state, a load), and its weight."""
+    """One condition of operation: values set in addition to the free ones (a sea state, a load), and its weight."""
 
     name: str
     settings: Mapping[str, float | str]
