@@ -119,7 +119,7 @@ def align(signals: Sequence[Pieces], start: float, end: float, *,
     """All signals on one set of breaks over [start, end]: breaks (m + 1,), coefficients (m, n_signals, 4).
 
     The breaks are the union of all; each polynomial is expanded about the new break b' = b + d, without loss:
-    c'_j = sum_k binomial(k, j) d**(k - j) c_k. `names` are for messages. Raises DataError where a signal
+    c'_j = sum_k binomial(k, j) d**(k - j) c_k. `names` are for messages. Raises DataError if a signal
     does not cover [start, end].
     """
     for k, signal in enumerate(signals):
