@@ -27,7 +27,7 @@ from heavebond.language.library import bundled
 from heavebond.numerics.result import with_held
 
 COMPILER = next((found for name in ("cc", "gcc", "clang") if (found := shutil.which(name))), None)
-compiled = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler here")
+compiled = pytest.mark.skipif(COMPILER is None, reason="no C compiler is installed")
 
 # two orifices in series with nothing between them: their common pressure is an algebraic unknown
 LOOP = """
@@ -311,7 +311,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (("driven.yaml", "-o", "m.exe"), "file-suffix", ".fmu or .c"), (("driven.yaml",), "usage", "--output"),
     (("driven.yaml", "-o", "m.c", "--input", "deck.v"), "input-unknown", "Did you mean 'deck.u'"),
     (("driven.yaml", "-o", "m.c", "--input", "nothing"), "input-unknown", "Signal inputs: "),
-    (("driven.yaml", "-o", "nowhere/m.c"), "file-unwritable", "no folder"),
+    (("driven.yaml", "-o", "nowhere/m.c"), "file-unwritable", "find the folder"),
     (("driven.yaml", "-o", "m.c", "--set", "spring.k=1 N/m"), "setting-unknown", "spring.c"),
 ])
 def test_wrong_usage(folder: Path, words: tuple[str, ...], code: str, said: str) -> None:

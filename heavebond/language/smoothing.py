@@ -3,8 +3,8 @@
     max(a, b) -> (a + b + sqrt((a - b)**2 + w**2)) / 2,   min and abs likewise,
     a < b     -> (1 + tanh((b - a) / w)) / 2,             sign(a) -> tanh(a / w).
 
-Each corner has a width w of its own, in the unit of a - b; as w goes to zero the expressions become those that were given.
-C. Chen, O. L. Mangasarian, A class of smoothing functions for nonlinear and mixed complementarity problems, Computational
+Each corner has a separate width w, in the unit of a - b; as w tends to zero the expressions tend to the original ones. C.
+Chen, O. L. Mangasarian, A class of smoothing functions for nonlinear and mixed complementarity problems, Computational
 Optimization and Applications 5 (1996) 97-138, doi:10.1007/BF00249052.
 """
 
@@ -34,20 +34,20 @@ class SmoothedColumn:
 
 
 def rounded(column: ca.SX, symbols: Sequence[ca.SX]) -> SmoothedColumn:
-    """The column (m,) in its symbols with every corner rounded."""
+    """Round every corner of the column (m,) of its symbols."""
     function = ca.Function("column", list(symbols), [column])
-    given = [ca.vec(s).nz for s in symbols]
+    symbol_elements = [ca.vec(s).nz for s in symbols]
     work: dict[int, ca.SX] = {}
-    found = [ca.SX(0)] * column.numel()
+    replaced = [ca.SX(0)] * column.numel()
     widths: list[ca.SX] = []
     at: list[ca.SX] = []
     for k in range(function.n_instructions()):
         op = function.instruction_id(k)
         inputs, outputs = function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_OUTPUT:
-            found[outputs[1]] = work[inputs[0]]
+            replaced[outputs[1]] = work[inputs[0]]
         elif op == ca.OP_INPUT:
-            work[outputs[0]] = ca.SX(given[inputs[0]][inputs[1]])
+            work[outputs[0]] = ca.SX(symbol_elements[inputs[0]][inputs[1]])
         elif op == ca.OP_CONST:
             work[outputs[0]] = ca.SX(function.instruction_constant(k))
         else:
@@ -58,7 +58,7 @@ def rounded(column: ca.SX, symbols: Sequence[ca.SX]) -> SmoothedColumn:
                 work[outputs[0]] = _turned(op, args, at[-1], widths[-1])
             else:
                 work[outputs[0]] = _operated(op, args)
-    return SmoothedColumn(stack(found), stack(widths), stack(at))
+    return SmoothedColumn(stack(replaced), stack(widths), stack(at))
 
 
 def _turned(op: int, args: Sequence[ca.SX], off: ca.SX, width: ca.SX) -> ca.SX:
@@ -73,7 +73,7 @@ def _turned(op: int, args: Sequence[ca.SX], off: ca.SX, width: ca.SX) -> ca.SX:
 
 
 def _operated(op: int, args: Sequence[ca.SX]) -> ca.SX:
-    """The same operation; truth values are shares between 0 and 1."""
+    """The same operation; truth values become shares between 0 and 1."""
     a, b = args[0], args[-1]
     if op in LOGIC:
         return 1 - a if op == ca.OP_NOT else a + b - a * b if op == ca.OP_OR else a * b

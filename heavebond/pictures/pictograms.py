@@ -1,9 +1,10 @@
-"""The pictures that stand for components: SVG fragments with named anchors, turned and mirrored; boxes for the rest.
+"""The symbols of components: SVG fragments with named anchors, rotated and mirrored; boxes for components without one.
 
-A picture is a file `symbols/NAME.svg` beside the component's file or in the library. It is data: only the few elements and
-attributes listed here are taken over, with plain values, so that nothing in it can act. A circle with `data-port` is an
-anchor, where the wire of that port ends; it lies on the edge of the view box, on the grid of 10 px, and its edge is the
-side on which the wire leaves. A port may have several anchors: the block of a mass is one body.
+A symbol is a file `symbols/NAME.svg` in the folder of the component's file or in the library. It is treated as data: only
+the few elements and attributes listed here are used, with plain values, so that it cannot contain active content. A
+circle with `data-port` is an anchor, at which the wire of that port ends; it lies on the edge of the view box, on the
+grid of 10 px, and its edge is the side on which the wire leaves. A port may have several anchors: the block of a mass is
+one body.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from heavebond.pictures.text_metrics import KIND, NAME, PORT, Line, size, text_w
 
 GRID = 10
 SIDES = {"left": (-1, 0), "right": (1, 0), "top": (0, -1), "bottom": (0, 1)}
-Matrix = tuple[int, int, int, int]  # x' = a*x + c*y, y' = b*x + d*y, as SVG orders them
+Matrix = tuple[int, int, int, int]  # x' = a*x + c*y, y' = b*x + d*y, in the order of SVG
 STRAIGHT: Matrix = (1, 0, 0, 1)
 MIRROR: Matrix = (-1, 0, 0, 1)
 FLIPPED: Matrix = (1, 0, 0, -1)
 HALF: Matrix = (-1, 0, 0, -1)
-# how a picture may be turned: some are read upright only (a tank), some need their writing direction (a signal block)
+# permitted rotations: some symbols are upright only (a tank), some keep their direction of writing (a signal block)
 TURNS: dict[str, tuple[Matrix, ...]] = {
     "none": (STRAIGHT,), "mirror": (STRAIGHT, MIRROR), "flip": (STRAIGHT, MIRROR, FLIPPED, HALF),
     "any": (STRAIGHT, MIRROR, FLIPPED, HALF, (0, 1, -1, 0), (0, -1, 1, 0), (0, 1, 1, 0), (0, -1, -1, 0))}
@@ -37,13 +38,13 @@ _ELEMENTS = {"path", "rect", "circle", "ellipse", "line", "polyline", "polygon",
 _ATTRIBUTES = {"d", "x", "y", "width", "height", "rx", "ry", "cx", "cy", "r", "x1", "y1", "x2", "y2", "points", "fill",
                "stroke", "stroke-width", "stroke-dasharray", "font-size", "font-style", "text-anchor", "data-domain",
                "data-port"}
-_PLAIN = re.compile(r"[-\w\s.,#%+]*")  # no brackets: neither url() nor anything else that points elsewhere
+_PLAIN = re.compile(r"[-\w\s.,#%+]*")  # no brackets: neither url() nor other references
 _SVG = "{http://www.w3.org/2000/svg}"
 
 
 @dataclass(frozen=True)
 class Anchor:
-    """Where the wire of a port ends, from the middle of the picture, and the side on which it leaves."""
+    """End of the wire of a port, relative to the centre of the picture, and the side on which it leaves."""
 
     port: str
     x: int
@@ -53,7 +54,7 @@ class Anchor:
 
 @dataclass(frozen=True)
 class Mark:
-    """One element of a picture with its attributes; `text` for writing, which stays upright when the picture is turned."""
+    """One element of a picture with its attributes; `text` for writing, which stays upright when the picture is rotated."""
 
     tag: str
     attributes: tuple[tuple[str, str], ...]
@@ -62,7 +63,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Shape:
-    """A picture around its own middle: extent, anchors, marks and how it stands (`turn`) and may stand (`turns`)."""
+    """A picture around its centre: extent, anchors, marks, present rotation (`turn`) and permitted rotations (`turns`)."""
 
     left: int
     top: int
@@ -75,7 +76,7 @@ class Shape:
     turn: Matrix = STRAIGHT
 
     def turned(self, turn: Matrix) -> Shape:
-        """This picture turned; `turn` counts from the picture as it stands in its file."""
+        """The rotated picture; `turn` is relative to the picture in its file."""
         xs, ys = zip(*(_applied(turn, x, y) for x in (self.left, self.right) for y in (self.top, self.bottom)), strict=True)
         sides = {vector: side for side, vector in SIDES.items()}
         anchors = tuple(Anchor(a.port, *_applied(turn, a.x, a.y), sides[_applied(turn, *SIDES[a.side])])
@@ -83,7 +84,7 @@ class Shape:
         return replace(self, left=min(xs), top=min(ys), right=max(xs), bottom=max(ys), anchors=anchors, turn=turn)
 
     def of(self, port: str) -> tuple[Anchor, ...]:
-        """The anchors of a port; those of `p` also serve `p[2]`."""
+        """The anchors of a port; the anchors of `p` also serve `p[2]`."""
         return tuple(a for a in self.anchors if a.port == port) or \
             tuple(a for a in self.anchors if a.port == port.partition("[")[0])
 
@@ -94,7 +95,7 @@ def _applied(turn: Matrix, x: int, y: int) -> tuple[int, int]:
 
 
 def symbol(component: Component) -> Shape | None:
-    """The picture that a component names, None where it names none; ModelError where that cannot be used."""
+    """The picture that a component names, None if it names none; ModelError if it cannot be used."""
     if not component.symbol:
         return None
     beside = component.path.parent / "symbols"
@@ -127,13 +128,13 @@ def _read(path: Path, stamp: int) -> Shape:
         if len(content) > SYMBOL_BYTES:
             raise _wrong("symbol-bad", f"a symbol has at most {SYMBOL_BYTES // 1000} kB", place, "Draw it with fewer marks.")
         text = content.decode("utf-8")
-        if "<!" in text.replace("<!--", ""):  # entities could unfold to any size
+        if "<!" in text.replace("<!--", ""):  # entities could expand to any size
             raise _wrong("symbol-bad", "a symbol has no document type and no entities", place, "Remove what begins `<!`.")
         root = ElementTree.fromstring(text)
         box = [int(number) for number in root.get("viewBox", "").split()]
         left, top, width, height = box
     except (ElementTree.ParseError, ValueError, OSError) as error:
-        raise _wrong("symbol-bad", f"this is no symbol: {error}", place, "It is an SVG file whose viewBox has four whole "
+        raise _wrong("symbol-bad", f"this is not a symbol: {error}", place, "It is an SVG file whose viewBox has four whole "
                      "numbers.") from None
     turns = TURNS.get(root.get("data-turn", "none"))
     if turns is None:
@@ -170,7 +171,7 @@ def _anchor(element: ElementTree.Element, box: tuple[int, int, int, int], place:
     except ValueError:
         x, y = 1, 1
     edges = {"left": x == left, "right": x == right, "top": y == top, "bottom": y == bottom}
-    side = next((name for name, there in edges.items() if there), "")
+    side = next((name for name, on_edge in edges.items() if on_edge), "")
     if not side or x % GRID or y % GRID:
         raise _wrong("symbol-bad", f"the place of port '{port}' is not on the edge of the viewBox, on a multiple of {GRID}",
                      place, "Move it there: that edge is the side on which the wire leaves.")
@@ -178,7 +179,7 @@ def _anchor(element: ElementTree.Element, box: tuple[int, int, int, int], place:
 
 
 def rounded_up(length: float) -> int:
-    """To the next multiple of two grid steps, so that the half lies on the grid."""
+    """Round up to a multiple of two grid steps, so that the half lies on the grid."""
     return 2 * GRID * math.ceil(length / (2 * GRID) - 1e-9)
 
 
@@ -189,10 +190,10 @@ def box(name: str, kind: str, sides: Mapping[str, Sequence[str]]) -> Shape:
     width, height = size(words)
     upper, lower = (14 if sides.get(side) else 4 for side in ("top", "bottom"))
     across = max(len(sides.get(side, ())) * max(4 * GRID, -(-(labels.get(side, 0) + 10) // (2 * GRID)) * 2 * GRID)
-                 for side in ("top", "bottom"))  # as `_spread` places them
+                 for side in ("top", "bottom"))  # in the order of `_spread`
     whole_x = rounded_up(max(60.0, width + 16 + 2 * max(labels.get("left", 0), labels.get("right", 0)), across))
     rows = max(len(sides.get("left", ())), len(sides.get("right", ())))
-    # the names of ports at the top and the bottom stand above and below those at the sides
+    # the names of ports at the top and the bottom are above and below the names at the sides
     beside = rows * 2 * GRID + 2 * max(upper, lower) - 8 if rows else 0
     whole_y = rounded_up(max(40.0, height + 2 * max(upper, lower) + 4, beside))
     half_x, half_y = whole_x // 2, whole_y // 2
