@@ -175,6 +175,8 @@ def component_file(known: Library) -> Schema:
                         "beyond": _said("what happens below `physical`, and which component models it")}, ["unit"])
     event = _object({**dict.fromkeys((*KINDS, "from", "impulse", "moves"), FORMULA), "then": _each(FORMULA),
                      "otherwise": _each(FORMULA)}, ["then"])
+    transition = {"anyOf": [FORMULA, _object({"when": FORMULA, "after": FORMULA})]}
+    state = _object({"doc": TEXT, "entry": _each(FORMULA), "to": _each(transition)})
     return _object({
         "component": _said("its name, in CamelCase", {"type": "string"}), "summary": _said("a sentence"),
         "restrictions": _said("what it leaves out"), "source": _said("where the law is from"), "domain": TEXT,
@@ -186,7 +188,9 @@ def component_file(known: Library) -> Schema:
         "travel_time": _said("time in which a wave passes the component, a segment of a line"),
         "initial": _each(FORMULA, "states at the start that the diagram does not give, `{z: u}`"),
         "equations": _said("one equation a line, its name behind #", {"type": "string"}),
-        "when": _each(event, "what happens at an instant"), **BODY, "stores": _said("energy stored", FORMULA),
+        "when": _each(event, "what happens at an instant"),
+        "states": _each(state, "a state machine by its named states, the first one active at the start"),
+        **BODY, "stores": _said("energy stored", FORMULA),
         "dissipates": _said("power lost", FORMULA), "unbalanced": _object({"power": FORMULA, "why": TEXT}, ["power", "why"]),
         "power": _said("`source`, or `controlled,` and why"), "requires": _said("relations between parameters", WORDS),
         "effect": _effect(domain), "sliding": _each(QUANTITY, "what makes its dry friction slide where it is linearised"),

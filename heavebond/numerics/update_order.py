@@ -196,9 +196,18 @@ class _Graph:
                 values[row] = value
                 if (k := self.held[row]) in now:
                     now[k] = ca.if_else(fired[self.owner[row]], value, now[k])
+        self._give_precedence(values, fired)
         last = {self.owner[row]: k for k, rank in enumerate(ranks) for row in rank}
         sequence = tuple(sorted(last, key=last.__getitem__))
         return Updates(fired, stack(values), self.after, stack(direct), ranks, apart, sequence)
+
+    def _give_precedence(self, values: list[ca.SX], fired: ca.SX) -> None:
+        """Let an event that happens together with one that it yields to set nothing of its own."""
+        number, own = {event.name: e for e, event in enumerate(self.events)}, list(values)
+        for row, (e, held) in enumerate(zip(self.owner, self.held, strict=True)):
+            for other in () if held is None else (number[name] for name in reversed(self.events[e].yields_to)):
+                same = [own[r] for r, owner in enumerate(self.owner) if owner == other and self.held[r] == held]
+                values[row] = ca.if_else(fired[other], same[0] if same else self.p[held], values[row])
 
     def problem(self, loop: Sequence[int]) -> Problem:
         """The problem of a loop of updates (rows)."""
