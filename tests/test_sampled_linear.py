@@ -54,7 +54,7 @@ LOOP = """
 model: loop
 components:
   c: {is: Compensator, T_s: 0.1 s, p: 0, c: 0, d: 1, u: "=-g.y"}
-  g: {is: TransferFunction, n: ORDER, a: ONES, b: ONES}
+  g: {is: TransferFunction, n: ORDER, a: ONES, b: PROPER}
 nodes: {u: [c.y, g.u]}
 simulate: {until: 1 s}
 """
@@ -136,8 +136,9 @@ def test_fifty_random_loops_have_the_poles_and_margins_of_python_control(tmp_pat
     generator = np.random.default_rng(4)
     verdicts = list[bool]()
     for order in range(1, 6):
-        zeros = f"[{', '.join('1' for _ in range(order + 1))}]"
-        file = _file(LOOP.replace("ORDER", str(order + 1)).replace("ONES", zeros), tmp_path, compensator=COMPENSATOR)
+        ones = ", ".join("1" for _ in range(order))
+        file = _file(LOOP.replace("ORDER", str(order + 1)).replace("ONES", f"[1, {ones}]").replace("PROPER", f"[0, {ones}]"),
+                     tmp_path, compensator=COMPENSATOR)
         made = loops(hb.load(file), "c.y")
         for _ in range(10):
             roots = -generator.uniform(0.2, 5, order) + 0j

@@ -30,6 +30,7 @@ LARGEST_RATIO = 1_000_000  # of two periods that have common multiples
 SAME_RATIO = 1e-11  # relative difference of two ratios of periods that counts as rounding
 HINT = ("Insert a UnitDelay where a value of the instant before is meant, or let one of them sample later by its parameter "
         "`t_0`.")
+ALONE = "Insert a UnitDelay between its output and its input if the value of the instant before is meant."
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ class _Graph:
                 self.setters.setdefault(held, []).append(row)
         self.p, self.after = flat.p, ca.SX.sym("after", flat.p.numel())
         raw = [reset.value for reset in resets]
-        if len(timed) > 1:
+        if timed:
             for row, value in zip(timed, self._along_signals([raw[row] for row in timed], timed), strict=True):
                 raw[row] = value
         column, later = stack(raw), places(self.after)
@@ -125,12 +126,7 @@ class _Graph:
                 found[n] = value
         column = _substituted(stack(found), signals)
         column = ca.substitute(column, held, stack(self.after[k] for k in self.setters))
-        found = split(ca.substitute(column, before, held))
-        for n, row in enumerate(rows):  # an update reads the variable that it assigns as it was
-            k = self.held[row]
-            if k is not None:
-                found[n] = ca.substitute(found[n], self.after[k], flat.p[k])
-        return found
+        return split(ca.substitute(column, before, held))
 
     def _part(self, row: int) -> str:
         """The path of the component whose `when:` has a reset; empty for a comparison of the time in an equation."""
@@ -148,9 +144,10 @@ class _Graph:
 
     @staticmethod
     def loops(needs: Sequence[Set[int]]) -> list[list[int]]:
-        """The loops of rows that read each other."""
+        """The loops of rows that read each other, or themselves."""
         rows = [[row, *sorted(read)] for row, read in enumerate(needs)]
-        return [block for block in block_lower_triangular(rows, list(range(len(rows)))) if len(block) > 1]
+        return [block for block in block_lower_triangular(rows, list(range(len(rows))))
+                if len(block) > 1 or block[0] in needs[block[0]]]
 
     def updates(self, zeros: Sequence[int], p: Array) -> Updates:
         """The updates with the parameters `zeros` at 0."""
@@ -215,8 +212,10 @@ class _Graph:
         parts = list(dict.fromkeys(self.events[self.owner[row]].name.rpartition(".")[0] for row in loop))
         names = listing([reset.name for event in flat.events for reset in event.resets
                          if event.name.rpartition(".")[0] in parts], 6)
-        return Problem("sampled-loop", f"the sampled parts {either(parts)} form an algebraic loop: at one instant each "
-                       "reads the value that another assigns", flat.expanded.leaves[parts[0]].place, HINT,
+        words = f"the sampled parts {either(parts)} form an algebraic loop: at one instant each reads the value that " \
+            "another assigns" if len(parts) > 1 else f"the sampled part '{parts[0]}' forms an algebraic loop with itself: " \
+            "its input depends at once on the value that it assigns"
+        return Problem("sampled-loop", words, flat.expanded.leaves[parts[0]].place, HINT if len(parts) > 1 else ALONE,
                        (f"held variables: {names}",))
 
 
