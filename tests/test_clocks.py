@@ -84,8 +84,11 @@ def test_blocks_that_never_act_at_the_same_instant_may_read_each_other() -> None
     assert run["one.y"] == pytest.approx(1 + np.floor(run.time / 0.1 + 1e-9))
 
 
-def test_an_update_reads_the_held_variable_that_it_sets_as_it_was() -> None:
-    run = hb.simulate(hb.loads(diagram({"n": "{is: SampleHold, T_s: 0.1 s, u: =n.y + 1}"})))
+def test_a_hold_counts_by_a_unit_delay() -> None:
+    with pytest.raises(hb.ModelError, match="'n' forms an algebraic loop with itself"):
+        hb.simulate(hb.loads(diagram({"n": "{is: SampleHold, T_s: 0.1 s, u: =n.y + 1}"})))
+    run = hb.simulate(hb.loads(diagram({"n": "{is: SampleHold, T_s: 0.1 s, u: =d.y + 1}",
+                                        "d": "{is: UnitDelay, T_s: 0.1 s, u: =n.y}"})))
     assert run["n.y"] == pytest.approx(1 + np.floor(run.time / 0.1 + 1e-9))
 
 

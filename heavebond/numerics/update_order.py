@@ -202,9 +202,10 @@ class _Graph:
         """Let an event that happens together with one that it yields to set nothing of its own."""
         number, own = {event.name: e for e, event in enumerate(self.events)}, list(values)
         for row, (e, held) in enumerate(zip(self.owner, self.held, strict=True)):
-            for other in () if held is None else (number[name] for name in reversed(self.events[e].yields_to)):
-                same = [own[r] for r, owner in enumerate(self.owner) if owner == other and self.held[r] == held]
-                values[row] = ca.if_else(fired[other], same[0] if same else self.p[held], values[row])
+            for name in reversed(self.events[e].yields_to):
+                first = [r for r, owner in enumerate(self.owner) if owner == number[name] and self.held[r] == held]
+                kept = own[first[0]] if first else values[row] if held is None else self.p[held]
+                values[row] = ca.if_else(fired[number[name]], kept, values[row])
 
     def problem(self, loop: Sequence[int]) -> Problem:
         """The problem of a loop of updates (rows)."""
