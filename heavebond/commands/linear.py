@@ -66,9 +66,9 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
 
     A friction law is linearised at rest, where it locks its parts: --set its forces to 0 for the machine in motion, or
     linearise at an instant of the motion with --at. With samples at regular times in a loop, or between input and output,
-    the machine is discretised exactly, and the period T is stated. Variables that other events change (relays, quantisers,
-    friction that sticks) are held constant and listed; with a quantiser in a loop there is no verdict on stability, and no
-    margin.
+    the machine is discretised exactly, and the period T is stated. Quantisers and encoders count with a
+    gain of 1. Variables that other events change (relays, friction that sticks) are held constant and listed; with a sampled
+    relay in a loop there is no verdict on stability, and no margin.
     """
     from heavebond.commands import terminal
     from heavebond.language.model import load

@@ -43,8 +43,9 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
 
     A friction law is linearised at rest, where it locks its parts: --set its forces to 0 for the modes in motion, or
     linearise at an instant of the motion with --at. Loops with samples at regular times are discretised exactly; their modes
-    have a pole z, and are described by their states. Variables that other events change (relays, quantisers, friction that
-    sticks) are held constant and listed; with a quantiser in a loop there is no verdict on stability.
+    have a pole z, and are described by their states. Quantisers and encoders count
+    with a gain of 1. Variables that other events change (relays, friction that sticks) are held constant and listed; with a
+    sampled relay in a loop there is no verdict on stability.
     """
     from heavebond.commands import terminal
     from heavebond.core.presentation import count

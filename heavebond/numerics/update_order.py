@@ -75,6 +75,12 @@ class UpdateOrder:
             self._made[key] = self._graph.updates([k for k, none in zip(self.zeros, zero.tolist(), strict=True) if none], p)
         return self._made[key]
 
+    @property
+    def direct(self) -> list[ca.SX]:
+        """The new value of each reset as a formula of the arguments of the assembly, with the held variables that its
+        component reads itself, and of those that it reads along signals, which are symbols of their own."""
+        return self._graph.direct
+
     def instants(self, p: Array) -> tuple[Array, Array]:
         """First instant and period (n_e,) of every event, 0 for what has none."""
         return self._graph.instants(p)
