@@ -83,7 +83,7 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
         if over is not None:
             return _locus(diagram, over, when, output)
         from heavebond.core.presentation import count
-        from heavebond.linear.held_variables import held_lines, sampled_lines
+        from heavebond.linear.held_variables import clock_lines, held_lines, sampled_lines
         from heavebond.linear.linear_system import StateSpaces
         from heavebond.linear.margins import loops
         from heavebond.linear.operating_point import stuck
@@ -101,7 +101,7 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
                   f"{': ' if judged.reasons else ''}{'; '.join(judged.reasons)}", soft_wrap=True)
     told["stuck"] = notes = stuck(made.points.assembly, made.points.at())
     told["filled"] = made.filled or None
-    for line in sampled_lines(system.sampled):
+    for line in (*sampled_lines(system.sampled), *clock_lines(diagram.clocks.values() if system.sampled else ())):
         console.print(line, soft_wrap=True)
     for note in filter(None, (*held_lines(system.held), *notes, made.filled)):
         console.print(note, style="yellow", soft_wrap=True)

@@ -50,7 +50,7 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
     from heavebond.commands import terminal
     from heavebond.core.presentation import count
     from heavebond.language.model import load
-    from heavebond.linear.held_variables import held_lines, sampled_lines
+    from heavebond.linear.held_variables import clock_lines, held_lines, sampled_lines
     from heavebond.linear.modal_energy import energy_shares
     from heavebond.linear.operating_point import OperatingPoints, stuck
     from heavebond.linear.sampled import sampled_words
@@ -75,7 +75,7 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
         rows = [(*begin, _pole(mode), _named(mode.participation)) for begin, mode in zip(first, found, strict=True)]
         title = f"{title}, {sampled_words(period)}"
         console.print(terminal.table(title, ("frequency", "damping", "decay", "z", "states"), rows, text=5))
-    for line in (*words, *sampled_lines(sampled)):
+    for line in (*words, *sampled_lines(sampled), *clock_lines(assembly.model.clocks.values() if sampled else ())):
         console.print(line, soft_wrap=True)
     notes = stuck(assembly, point)
     for note in filter(None, (*held_lines(held), *notes, operating.filled)):

@@ -167,4 +167,5 @@ def _statistics(result: Result) -> str:
              f"integration {seconds['integration']:.2g} s"]
     if "nsteps" in said:
         parts.append(f"{said['nsteps']} steps")
+    parts += [clock.text for clock in result.assembly.model.clocks.values()]
     return "; ".join(parts)

@@ -14,7 +14,7 @@ from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.parameters import FlatParameter, Parameters
 from heavebond.language.definition import Value, Variable
 from heavebond.language.incidence import Interval
-from heavebond.language.sections import Condition
+from heavebond.language.sections import Clock, Condition
 from heavebond.language.state_chart import STATE
 from heavebond.language.template import Template, held_interval
 from heavebond.text.expression import constant
@@ -70,7 +70,7 @@ class FlatEvent:
     """An event: as `indicator` passes zero upwards (None: a time event), at the instant `first`, or from there on once a
     `period` (None: once). `text` is how it is written: `condition: gap > 0`. One that is `by_clock` stands for a comparison
     of the time with parameters in an equation (see `time_conditions`), and has its text. With `ends` the run ends there. It
-    does not happen together with the events that it `yields_to`, by name."""
+    does not happen together with the events that it `yields_to`, by name. Its `clock` makes its instants irregular."""
 
     name: str
     text: str
@@ -84,6 +84,7 @@ class FlatEvent:
     breakaway: Breakaway | None = None
     ends: bool = False
     yields_to: tuple[str, ...] = ()
+    clock: Clock | None = None
 
 
 def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Leaf, Unit], Unit], problems: Problems

@@ -83,6 +83,8 @@ def diagram() -> Schema:
         "initial": {"$ref": "#/definitions/initial"},
         "vary": _each(FORMULA, "factors by which parameters of parts vary: `spring.c: =1 + 0.2*spring.s/(1 m)`"),
         "nominal": _each(QUANTITY, "the size that a variable commonly has, for error control: `coil.i: 1 nA`"),
+        "clocks": _each(_object({"parts": WORDS, "jitter": TIME, "lost": QUANTITY, "seed": QUANTITY}, ["parts"]),
+                        "jitter and lost samples of the clocks of sampled parts"),
         "show": _each(_object({"is": _said("a formula; without it the name itself", FORMULA), "unit": UNIT}, ["unit"]),
                       "named outputs"),
         "simulate": _object({"from": TIME, "every": TIME, "until": {"anyOf": [TIME, _object(

@@ -25,6 +25,7 @@ from heavebond.core.errors import Place, Problem, UsageError, listing
 from heavebond.core.presentation import readable
 from heavebond.equations.events import FlatEvent, FlatReset
 from heavebond.equations.matching import maximum_matching
+from heavebond.language.sections import Clock
 from heavebond.language.smoothing import without_rounding
 from heavebond.language.symbols import places, split, stack
 from heavebond.numerics.dae import Array, Assembly
@@ -172,6 +173,11 @@ def sampled_lines(sampled: Sequence[HeldVariable]) -> list[str]:
     return [f"sampled: {listing(named, 8)}"] * bool(named) + [
         f"rounded to steps: {steps}; the linear system takes a gain of 1, for motions of many steps. A stable loop may keep "
         "a limit cycle of a few steps, which a run shows"] * bool(steps)
+
+
+def clock_lines(clocks: Iterable[Clock]) -> list[str]:
+    """A line for each irregular clock, which the linear system takes as a regular one."""
+    return [f"{clock.text}; the linear system takes its instants as regular, with no sample lost" for clock in clocks]
 
 
 def with_held(title: str, held: Iterable[HeldVariable]) -> str:

@@ -209,10 +209,12 @@ def _sampled(assembly: Assembly) -> tuple[str, ...]:
     for e in order.at(assembly.p).sequence:
         if events[e].period is not None:
             clocks.setdefault((float(period[e]), float(first[e])), []).append(events[e].name.rpartition(".")[0])
+    irregular = [clock.text for clock in assembly.model.clocks.values()]
     if len({part for parts in clocks.values() for part in parts}) < 2:
-        return ()
+        return tuple(irregular)
     return tuple(f"every {readable_time(every)[0]}{f' from {readable_time(begin)[0]}' if begin else ''}: "
-                 f"{listing(dict.fromkeys(parts), SHOWN_NAMES)}" for (every, begin), parts in sorted(clocks.items()))
+                 f"{listing(dict.fromkeys(parts), SHOWN_NAMES)}"
+                 for (every, begin), parts in sorted(clocks.items())) + tuple(irregular)
 
 
 def _charts(assembly: Assembly) -> tuple[OpenChoice, ...]:
