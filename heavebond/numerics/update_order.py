@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.errors import ModelError, Problem, either, listing
+from heavebond.core.presentation import readable
 from heavebond.equations.flatten import EquationRole
 from heavebond.equations.matching import block_lower_triangular
 from heavebond.equations.reduce import Reduced
@@ -53,6 +54,35 @@ class Updates:
     sequence: tuple[int, ...]
 
 
+@dataclass(frozen=True)
+class RateTransition:
+    """The sampled part `reader`, with a period in s, reads the value of the part `source` of another period or other
+    instants."""
+
+    reader: str
+    source: str
+    period: float
+    source_period: float
+
+    @property
+    def text(self) -> str:
+        """The transition, and the block that would state it."""
+        fast, slow = sorted((self.period, self.source_period))
+        ratio, own, other = slow / fast, readable(self.period, "s"), readable(self.source_period, "s")
+        begin = f"{self.reader} (every {own}) reads {self.source} (every {other})"
+        if abs(ratio - round(ratio)) > SAME_RATIO * LARGEST_RATIO * ratio:
+            return f"{begin}: neither period is a multiple of the other, so that the age of the value changes from sample " \
+                "to sample. Choose multiples, or state the hold by a SampleHold at the period of the reader"
+        if round(ratio) == 1:
+            return f"{begin} at other instants, so that the value is late by a part of the period. State it by a " \
+                "SampleHold with the T_s and t_0 of the reader, or give both one t_0"
+        if self.period < self.source_period:
+            return f"{begin} and holds it, without a computing time of the slower part. If that takes its period, add a " \
+                f"UnitDelay with T_s: {other} behind {self.source}"
+        return f"{begin}, one value of {round(ratio)}: what is faster than {readable(0.5 / self.period, 'Hz')} folds. Add " \
+            f"a DiscreteLowPass at {other} and a SampleHold with T_s: {own} between them"
+
+
 class UpdateOrder:
     """The updates of an assembly for given parameters. A parameter of 0, such as the direct feedthrough of a discrete
     transfer function, may open a loop of updates. The order therefore depends on which of the parameters `zeros`
@@ -84,6 +114,10 @@ class UpdateOrder:
     def instants(self, p: Array) -> tuple[Array, Array]:
         """First instant and period (n_e,) of every event, 0 for what has none."""
         return self._graph.instants(p)
+
+    def transitions(self, p: Array) -> list[RateTransition]:
+        """The transitions between rates that no block states: a hold that takes the value as it is, or a unit delay."""
+        return self._graph.transitions(p)
 
     def problem(self, rows: Sequence[int]) -> Problem:
         """The problem of updates that read each other at one instant."""
@@ -180,6 +214,28 @@ class _Graph:
             self.express(stack(ca.SX(0) if e.period is None else e.period for e in self.events))])(p)
         first, period = (np.array(v).ravel() for v in found)
         return first, period
+
+    def transitions(self, p: Array) -> list[RateTransition]:
+        """The transitions between rates that no block states."""
+        first, period = self.instants(p)
+        found: dict[tuple[str, str], RateTransition] = {}
+        needs = self.needs(())
+        for row, read in enumerate(needs):
+            for other in sorted(read):
+                a, b = self.owner[row], self.owner[other]
+                if any(self.events[e].period is None for e in (a, b)):
+                    continue
+                near = SAME_RATIO * LARGEST_RATIO * max(period[a], period[b])
+                same = abs(period[a] - period[b]) <= near and abs(first[a] - first[b]) <= near
+                # a hold: its new value is a multiple of the value that it reads
+                held = self.held[other]
+                taken = held is not None and ca.substitute(self.direct[row], self.after[held], ca.SX(0)).is_zero()
+                # a delay: its new value is one that it holds itself
+                delayed = self.direct[other].is_symbolic() and period[b] > period[a] and not needs[other]
+                if not (same or taken or delayed):
+                    parts = self._part(row), self._part(other)
+                    found.setdefault(parts, RateTransition(*parts, float(period[a]), float(period[b])))
+        return list(found.values())
 
     def _written_out(self, read: Sequence[Set[int]], apart: frozenset[tuple[int, int]]) -> Updates:
         """The updates in ranks, and each with those that it reads written into it."""

@@ -89,6 +89,7 @@ class Summary:
     sheets: tuple[str, ...] = ()
     sampled: tuple[str, ...] = ()
     machines: tuple[str, ...] = ()
+    transitions: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """Everything, for machines; values in SI."""
@@ -118,6 +119,7 @@ class Summary:
         if self.events:
             rows.append(("events", f"{len(self.events)}: {listing(self.events, SHOWN_NAMES)}"))
         rows += [("sampled", words) for words in self.sampled]
+        rows += [("rates", words) for words in self.transitions]
         rows += [("states", words) for words in self.machines]
         return [f"Diagram {self.model}", *columns(rows, width)]
 
@@ -190,6 +192,7 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
         solved=tuple(line for line in table if line.name in asked),
         placeholders=tuple(f"{path}: {leaf.component.placeholder}" for path, leaf in expanded.leaves.items()
                            if leaf.component.placeholder), sampled=_sampled(assembly),
+        transitions=tuple(t.text for t in assembly.update_order.transitions(assembly.p)),
         machines=tuple(f"{path} begins in '{_first_state(assembly, path)}' of "
                        f"{listing(state.name for state in leaf.component.states)}"
                        for path, leaf in expanded.leaves.items() if leaf.component.states))
