@@ -15,6 +15,7 @@ from heavebond.core.errors import HeavebondError
 from heavebond.exchange.c_code import export_c
 from heavebond.numerics.dae import assemble
 from heavebond.reports.summary import summary
+from heavebond.studio.mentions import Named, renamed_mentions
 
 LOOP = """
 model: loop
@@ -101,3 +102,9 @@ def test_mistakes_in_clocks(clocks: str, words: str) -> None:
     with pytest.raises(HeavebondError) as caught:
         run(clocks)
     assert words in str(caught.value)
+
+
+def test_a_part_that_is_renamed_keeps_its_clock() -> None:
+    text = LOOP.replace("CLOCKS", "clocks: {control: {parts: [sensor, hold], jitter: 2 ms}}")
+    named = Named("hold", frozenset({"u", "y"}), True, False)
+    assert "parts: [sensor, zoh]" in renamed_mentions(text, named, "zoh", node=False)
