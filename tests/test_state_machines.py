@@ -125,6 +125,22 @@ def test_an_output_keeps_what_the_last_state_set(tmp_path: Path) -> None:
     assert run["chart.y"][(run.time > 1 / 3 + 1.5) & (run.time < 13 / 3)] == pytest.approx(2.0)
 
 
+def test_an_output_is_zero_until_a_state_sets_it(tmp_path: Path) -> None:
+    run = hb.simulate(model(tmp_path, """states:
+  wait: {to: {go: a > h}}
+  go:   {entry: {y: v, n: n + 1}}
+"""))
+    assert (run["chart.y"] == np.where(run.time > 1 / 3, 2.0, 0.0)).all()
+
+
+def test_a_state_does_not_set_a_list_of_outputs(tmp_path: Path) -> None:
+    (tmp_path / "chart.yaml").write_text((CHART + WAIT_AND_GO).replace("unit: m/s, doc: speed}\nparameters", "unit: m/s, "
+                                         "count: 2, doc: speed}\nparameters"))
+    (tmp_path / "machine.yaml").write_text(DIAGRAM)
+    with pytest.raises(HeavebondError, match="y is a list"):
+        hb.simulate(hb.load(tmp_path / "machine.yaml"))
+
+
 def test_transitions_without_time_do_not_go_round(tmp_path: Path) -> None:
     """By a position that rises through the limit, and by one that steps beyond it."""
     states = WAIT_AND_GO.replace("{when: a < h, after: T}", "a > 0.8*h")

@@ -184,7 +184,12 @@ def _entry(component: Component, entry: Reset, lookup: Lookup, lengths: Lengths,
     """A state sets outputs and held variables."""
     settable = [*(s.name for s in component.signals.values() if s.direction == "out"),
                 *(name for name in component.held if name not in (STATE, ENTERED, BEGUN) and not name.endswith(KEPT))]
-    if entry.target.text.partition("[")[0] in settable:
+    output = component.signal(entry.target.text)
+    if output is not None and output.count is not None:
+        problems.add("state-entry", f"`entry:` sets '{entry.target.text}', and {output.name} is a list", entry.target.place,
+                     hint="A state sets outputs that are numbers: give each element an output of its own, or set a held "
+                     "list and write `y = h` under `equations:`.")
+    elif entry.target.text.partition("[")[0] in settable:
         _reset(component, entry, lookup, lengths, problems)
     else:
         problems.add("state-entry", f"`entry:` sets '{entry.target.text}', which is no output and no held variable",

@@ -146,8 +146,10 @@ def written_out(states: Sequence[ChartState], signals: Dictionary[str, SignalPor
         if not any(entries):
             continue
         fixed = [_fixed(entry, parameters) for entry in entries]
-        outputs[name] = "" if all(fixed) else name + KEPT
-        if not all(fixed):
+        entered = {number[t.target] - 1 for state in states for t in state.transitions if t.target in number}
+        keeps = any(fixed[k] is None for k in entered)
+        outputs[name] = name + KEPT if keeps else ""
+        if keeps:
             added[outputs[name]] = _held(outputs[name], signals[name].unit, place,
                                          f"value of {name} in states that do not fix it")
         if entries[0] is not None and fixed[0] is None:
@@ -155,7 +157,7 @@ def written_out(states: Sequence[ChartState], signals: Dictionary[str, SignalPor
                          "from parameters", entries[0].value.place, hint="Use parameters and plain numbers only, or "
                          "begin in another state: the first one in the file is active at the start.")
         *chosen, (_, value) = [(k, entry) for k, entry in enumerate(fixed, 1) if entry is not None] + \
-            ([(0, _name(outputs[name]))] if outputs[name] else [])
+            ([] if all(fixed) else [(0, _name(outputs[name]) if keeps else _number(0))])
         for k, entry in reversed(chosen):
             value = _chosen(k, entry, value)
         equations.append(EquationLine(Equation(_name(name), value), f"{name} = value of the active state",
