@@ -224,7 +224,7 @@ def _start(component: Component) -> list[str]:
 def _states(component: Component) -> list[str]:
     return _table(("state", "on entry", "transitions", "meaning"), [
         (f"`{s.name}`", ", ".join(f"`{r.target.text} = {r.value.text}`" for r in s.entry),
-         ", ".join(f"to `{t.target}` if `{t.text}`" for t in s.transitions), _prose(s.doc)) for s in component.states])
+         ", ".join(f"to `{t.target}`: `{t.text}`" for t in s.transitions), _prose(s.doc)) for s in component.states])
 
 
 def _events(component: Component) -> list[str]:
