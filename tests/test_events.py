@@ -628,3 +628,20 @@ def test_conditions_are_evaluated_at_many_points_as_at_each_by_itself() -> None:
         one = equations.indicators(times[at], x[:, at], z[:, at], assembly.p, u[:, at])
         for values, alone in zip(many, one, strict=True):
             np.testing.assert_array_equal(values[:, at], alone)
+
+
+def test_dense_events_are_named_with_their_part_and_rate() -> None:
+    """A comparator behind a burst of 60 kHz for 2 ms: an event in each half of a period."""
+    text = """model: burst
+components:
+  quiet: {is: Comparator, level: 0.5, u: "=sin(2*pi*3 Hz*time)"}
+  edges: {is: Comparator, level: 0, u: "=if_else(time < 2 ms, sin(2*pi*F*time), -1)"}
+simulate: {until: 1 s}
+"""
+    with pytest.warns(hb.RunWarning, match=r"edges has 12\d{4} events per second at 0\.00\d+ s and 24\d in the run"):
+        run = hb.simulate(hb.loads(text.replace("F", "60 kHz")))
+    found, = run.verdict.findings
+    assert (found.kind, found.part, found.failed) == ("dense-events", "edges", False)
+    assert found.value == pytest.approx(2 * 60e3, rel=0.02)  # of 99 half periods
+    assert "Relay" in found.advice
+    assert not hb.simulate(hb.loads(text.replace("F", "10 kHz"))).verdict.findings

@@ -146,6 +146,8 @@ def _show(component: Component) -> dict[str, object]:
                        for p in component.parameters.values()],
         "Variables": [(v.name, _unit(v), v.doc if v.held is None else f"{v.doc} (held)".lstrip())
                       for v in component.variables.values()],
+        "States": [(s.name, ", ".join(f"{r.target.text} = {r.value.text}" for r in s.entry),
+                    ", ".join(f"to {t.target}: {t.text}" for t in s.transitions)) for s in component.states],
         "Events": [(e.name, f"{e.key}: {e.formula.text}", ", ".join(f"{r.target.text} becomes {r.value.text}"
                                                                     for r in e.resets)
                     + f" by an impulse of {e.impulse}" * bool(e.impulse)
@@ -257,6 +259,8 @@ def _as_dict(component: Component) -> dict[str, object]:
                             **({"moves": e.moves, "otherwise": {r.target.text: r.value.text for r in e.otherwise}}
                                if e.moves else {})}
                    for e in component.when},
+        "states": {s.name: {"entry": {r.target.text: r.value.text for r in s.entry},
+                            "to": {t.target: t.text for t in s.transitions}} for s in component.states},
         "initial": {r.target.text: r.value.text for r in component.initial},
         "equations": [{"text": line.text.strip(), "label": line.label} for line in component.equations],
         "parts": {i.name: i.kind for i in component.body.instances.values()},

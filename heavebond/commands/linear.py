@@ -66,9 +66,9 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
 
     A friction law is linearised at rest, where it locks its parts: --set its forces to 0 for the machine in motion, or
     linearise at an instant of the motion with --at. With samples at regular times in a loop, or between input and output,
-    the machine is discretised exactly, and the period T is stated. Variables that other events change (relays, quantisers,
-    friction that sticks) are held constant and listed; with a quantiser in a loop there is no verdict on stability, and no
-    margin.
+    the machine is discretised exactly, and the period T is stated. Quantisers and encoders count with a
+    gain of 1. Variables that other events change (relays, friction that sticks) are held constant and listed; with a sampled
+    relay in a loop there is no verdict on stability, and no margin.
     """
     from heavebond.commands import terminal
     from heavebond.language.model import load
@@ -83,7 +83,7 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
         if over is not None:
             return _locus(diagram, over, when, output)
         from heavebond.core.presentation import count
-        from heavebond.linear.held_variables import held_lines, sampled_lines
+        from heavebond.linear.held_variables import clock_lines, held_lines, sampled_lines
         from heavebond.linear.linear_system import StateSpaces
         from heavebond.linear.margins import loops
         from heavebond.linear.operating_point import stuck
@@ -103,7 +103,7 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
                   f"{': ' if judged.reasons else ''}{'; '.join(judged.reasons)}", soft_wrap=True)
     figures["stuck"] = notes = stuck(state_spaces.points.assembly, state_spaces.points.at())
     figures["filled"] = state_spaces.filled or None
-    for line in sampled_lines(system.sampled):
+    for line in (*sampled_lines(system.sampled), *clock_lines(diagram.clocks.values() if system.sampled else ())):
         console.print(line, soft_wrap=True)
     for note in filter(None, (*held_lines(system.held), *notes, state_spaces.filled)):
         console.print(note, style="yellow", soft_wrap=True)

@@ -43,13 +43,14 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
 
     A friction law is linearised at rest, where it locks its parts: --set its forces to 0 for the modes in motion, or
     linearise at an instant of the motion with --at. Loops with samples at regular times are discretised exactly; their
-    modes have a pole z, and are described by their states. Variables that other events change (relays, quantisers,
-    friction that sticks) are held constant and listed; with a quantiser in a loop there is no verdict on stability.
+    modes have a pole z, and are described by their states. Quantisers and encoders count with a gain of 1. Variables that
+    other events change (relays, friction that sticks) are held constant and listed; with a sampled relay in a loop there is
+    no verdict on stability.
     """
     from heavebond.commands import terminal
     from heavebond.core.presentation import count
     from heavebond.language.model import load
-    from heavebond.linear.held_variables import held_lines, sampled_lines
+    from heavebond.linear.held_variables import clock_lines, held_lines, sampled_lines
     from heavebond.linear.modal_energy import energy_shares
     from heavebond.linear.operating_point import OperatingPoints, stuck
     from heavebond.linear.sampled import sampled_words
@@ -74,7 +75,7 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
         rows = [(*begin, _pole(mode), _named(mode.participation)) for begin, mode in zip(first, listed_modes, strict=True)]
         title = f"{title}, {sampled_words(period)}"
         console.print(terminal.table(title, ("frequency", "damping", "decay", "z", "states"), rows, text=5))
-    for line in (*words, *sampled_lines(sampled)):
+    for line in (*words, *sampled_lines(sampled), *clock_lines(assembly.model.clocks.values() if sampled else ())):
         console.print(line, soft_wrap=True)
     notes = stuck(assembly, point)
     for note in filter(None, (*held_lines(held), *notes, operating.filled)):

@@ -172,4 +172,5 @@ def _statistics(result: Result) -> str:
              f"integration {seconds['integration']:.2g} s"]
     if "nsteps" in statistics:
         parts.append(f"{statistics['nsteps']} steps")
+    parts += [clock.text for clock in result.assembly.model.clocks.values()]
     return "; ".join(parts)

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.core.errors import ModelError, Place, Problems, listing
+from heavebond.core.errors import ModelError, Place, Problems, listing, suggest
 from heavebond.core.units import (
     DIMENSIONLESS,
     ONE,
@@ -49,6 +49,7 @@ from heavebond.equations.variation import Factor, factors, incidence
 from heavebond.language.definition import Delayed, Domain, FileInput, Value
 from heavebond.language.incidence import EVERYTHING, Interval, classify
 from heavebond.language.model import Model
+from heavebond.language.sections import Clock
 from heavebond.language.symbols import Context, evaluate, nonsmooth, places, split, stack
 from heavebond.language.template import LEVELS, Template, template
 from heavebond.language.values import add_formula_problem, check_dimension
@@ -303,6 +304,7 @@ class _Builder:
         self._given_inputs()
         self._delayed_variables()
         self._end()
+        self._irregular_clocks()
         self.problems.raise_as(ModelError)
         self._clocks()
         self.problems.raise_as(ModelError)
@@ -515,6 +517,23 @@ class _Builder:
                               hint=problem.hint)
             return
         self.events.append(FlatEvent("until", f"when: {ends.text}", ends.place, above, ca.SX(0), None, (), ends=True))
+
+    def _irregular_clocks(self) -> None:
+        """The sampled events of the parts under `clocks:` get their clock; a block stands for all parts in it."""
+        clocks: dict[int, Clock] = {}
+        for clock in self.expanded.model.clocks.values():
+            for path, place in clock.parts:
+                own = [k for k, event in enumerate(self.events) if event.period is not None
+                       and (event.name.startswith(f"{path}.") or event.name.rpartition(".")[0] == path)]
+                sampled = dict.fromkeys(e.name.rpartition(".")[0] for e in self.events if e.period is not None)
+                if not own:
+                    self.problems.add("clock-part", f"clock '{clock.name}': '{path}' is no sampled part", place,
+                                      hint=suggest(path, sampled) or f"Sampled parts: {listing(sampled) or 'none'}.")
+                for k in own:
+                    if (other := clocks.setdefault(k, clock)) is not clock:
+                        self.problems.add("clock-part", f"'{path}' has the clocks '{other.name}' and '{clock.name}'", place,
+                                          hint="Name it in one of them.")
+        self.events = [replace(event, clock=clocks.get(k)) for k, event in enumerate(self.events)]
 
     def _delayed_variables(self) -> None:
         """An equation for each delayed variable: it is a known function of time, or its source where the delay is zero."""

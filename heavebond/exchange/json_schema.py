@@ -83,6 +83,8 @@ def diagram() -> Schema:
         "initial": {"$ref": "#/definitions/initial"},
         "vary": _each(FORMULA, "factors by which parameters of parts vary: `spring.c: =1 + 0.2*spring.s/(1 m)`"),
         "nominal": _each(QUANTITY, "the usual size of a variable, for error control: `coil.i: 1 nA`"),
+        "clocks": _each(_object({"parts": WORDS, "jitter": TIME, "lost": QUANTITY, "seed": QUANTITY}, ["parts"]),
+                        "jitter and lost samples of the clocks of sampled parts"),
         "show": _each(_object({"is": _said("a formula; without it the name itself", FORMULA), "unit": UNIT}, ["unit"]),
                       "named outputs"),
         "simulate": _object({"from": TIME, "every": TIME, "until": {"anyOf": [TIME, _object(
@@ -175,6 +177,8 @@ def component_file(known: Library) -> Schema:
                         "beyond": _said("the state below `physical`, and the component that models it")}, ["unit"])
     event = _object({**dict.fromkeys((*KINDS, "from", "impulse", "moves"), FORMULA), "then": _each(FORMULA),
                      "otherwise": _each(FORMULA)}, ["then"])
+    transition = {"anyOf": [FORMULA, _object({"when": FORMULA, "after": FORMULA})]}
+    state = _object({"doc": TEXT, "entry": _each(FORMULA), "to": _each(transition)})
     return _object({
         "component": _said("its name, in CamelCase", {"type": "string"}), "summary": _said("a sentence"),
         "restrictions": _said("neglected effects"), "source": _said("source of the law"), "domain": TEXT,
@@ -186,7 +190,9 @@ def component_file(known: Library) -> Schema:
         "travel_time": _said("travel time of a wave through the component, a segment of a line"),
         "initial": _each(FORMULA, "states at the start that the diagram does not give, `{z: u}`"),
         "equations": _said("one equation per line, its name after #", {"type": "string"}),
-        "when": _each(event, "events of the component"), **BODY, "stores": _said("energy stored", FORMULA),
+        "when": _each(event, "events of the component"),
+        "states": _each(state, "a state machine by its named states, the first one active at the start"),
+        **BODY, "stores": _said("energy stored", FORMULA),
         "dissipates": _said("power lost", FORMULA), "unbalanced": _object({"power": FORMULA, "why": TEXT}, ["power", "why"]),
         "power": _said("`source`, or `controlled,` and the reason"), "requires": _said("relations between "
                                                                                        "parameters", WORDS),

@@ -155,6 +155,9 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
     if not events and assembly.flat.events and all(event.by_clock for event in assembly.flat.events):
         assembly = build(reduce(unclocked(assembly.flat)))
     events = events or bool(assembly.flat.events)
+    for clock in assembly.model.clocks.values():
+        raise ModelError([Problem("export-clock", f"an export has regular clocks; {clock.text}", clock.place,
+                                  "Export a variant without `clocks:`, or let the importing program make the jitter.")])
     if any(event.impulse for event in assembly.flat.events) and (turned := yielding(assembly.reduced)):
         raise ModelError([Problem("export-impact", f"an impact may set off {listing(turned, 3)} at once, which FMUs and C "
                                   "programs do not support",

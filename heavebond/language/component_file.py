@@ -27,6 +27,7 @@ from heavebond.language.definition import (
 from heavebond.language.effects import EffectReader, read_meaning, read_search_range, read_typical
 from heavebond.language.equation_lines import equation_lines
 from heavebond.language.extension import extension
+from heavebond.language.state_chart import read_states, written_out
 from heavebond.language.when import resets, when_entries
 from heavebond.text.expression import Expr, Number, constant, parse_equation, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
@@ -35,7 +36,7 @@ T = TypeVar("T")
 COMPONENT_KEYS = (
     "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "initial", "when",
     "travel_time", "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain",
-    "symbol", "sliding", "units", "placeholder", "extends", "set", "approximation")
+    "symbol", "sliding", "units", "placeholder", "extends", "set", "approximation", "states")
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
 
 
@@ -72,6 +73,12 @@ class _Parser:
         variables = reading.declarations(root.items.get("variables"), "variables", self._variable, problems)
         parameters = reading.declarations(root.items.get("parameters"), "parameters",
                                           lambda key, entry: self._parameter(key, entry, variables), problems)
+        equations, events = self._equations(root.items.get("equations")), when_entries(root.items.get("when"), problems)
+        states = read_states(root.items.get("states"), problems)
+        if states:
+            chart = written_out(states, signals, parameters, {**ports, **variables}, problems)
+            variables = {**variables, **{n: v for n, v in chart.variables.items() if n not in variables}}
+            equations, events = (*equations, *chart.equations), (*events, *chart.events)
         effects = EffectReader(ports, signals, parameters, variables, problems)
         effects.dormant()
         return Component(
@@ -79,9 +86,9 @@ class _Parser:
             summary=reading.text(root.items.get("summary"), "summary", problems),
             place=place, path=self.source.path, ports=ports, signals=signals,
             parameters=parameters, variables=variables,
-            equations=self._equations(root.items.get("equations")),
+            equations=equations,
             initial=resets("initial", root.items.get("initial"), "Write `initial: {z: u}`.", problems),
-            when=when_entries(root.items.get("when"), problems),
+            when=events,
             body=reading.body(root, self.source, problems) if "components" in root.items else Body(),
             travel_time=self._formula(root, "travel_time"),
             stores=self._formula(root, "stores"), dissipates=self._formula(root, "dissipates"),
@@ -96,6 +103,7 @@ class _Parser:
             placeholder=reading.text(root.items.get("placeholder"), "placeholder", problems),
             units_checked=self._units_checked(root.items.get("units")),
             approximation=self._approximation(root.items.get("approximation"), parameters),
+            states=states,
         )
 
     def _approximation(self, node: Node | None, parameters: Dictionary[str, Parameter]) -> Approximation | None:

@@ -343,7 +343,8 @@ class EventDefinition:
     """An event of a component: it occurs when `condition` becomes true, at the instant `at`, or periodically with the
     period `every` from `first` on (None: from 0). `key` is the keyword of these in the file. `impulse` is the held
     variable whose impulse changes the target that is not held (empty: the target is set). With `moves`, the name of a
-    speed, it is the breakaway of a contact, and occurs only if that speed changes by it; else `otherwise` is set."""
+    speed, it is the breakaway of a contact, and occurs only if that speed changes by it; else `otherwise` is set. It does
+    not occur at an instant at which an event occurs that it `yields_to`."""
 
     name: str
     key: str
@@ -354,6 +355,44 @@ class EventDefinition:
     impulse: str = ""
     moves: str = ""
     otherwise: tuple[Reset, ...] = ()
+    yields_to: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Transition:
+    """A transition between two states: it happens if the source has been active for the time `after` and `when` holds."""
+
+    source: str
+    target: str
+    when: Formula | None
+    after: Formula | None
+    place: Place
+
+    @property
+    def event(self) -> str:
+        """The name of its event."""
+        return f"{self.source}_to_{self.target}"
+
+    @property
+    def text(self) -> str:
+        """`button > 0.5 after T`."""
+        words = [self.when.text] if self.when is not None else []
+        return " ".join([*words, *([f"after {self.after.text}"] if self.after is not None else [])])
+
+
+@dataclass(frozen=True)
+class ChartState:
+    """A named state of a component: what it sets on entry, and the transitions that leave it, the first one first."""
+
+    name: str
+    place: Place
+    doc: str = ""
+    entry: tuple[Reset, ...] = ()
+    transitions: tuple[Transition, ...] = ()
+
+    def entry_of(self, name: str) -> Reset | None:
+        """What it sets an output or a held variable to on entry."""
+        return next((reset for reset in self.entry if reset.target.text == name), None)
 
 
 @dataclass(frozen=True)
@@ -430,8 +469,9 @@ class Component:
 
     `sliding` are values for linearisation while dry friction slides, for laws whose slope at rest is not a width.
     `symbol` names its picture in drawings; without one it is drawn as a box. `foreign` is the FMU that sets its held
-    variables. `extends` names the components whose laws it has, with other values, the nearest first; `values` are the
-    values of the elements of its lists.
+    variables. `states` are those of its state machine; `variables`, `equations` and `when` contain them written out.
+    `extends` names the components whose laws it has, with other values, the nearest first; `values` are the values of the
+    elements of its lists.
     """
 
     name: str
@@ -464,6 +504,7 @@ class Component:
     extends: tuple[str, ...] = ()
     values: dict[str, Value] = field(default_factory=dict)
     approximation: Approximation | None = None
+    states: tuple[ChartState, ...] = ()
 
     @property
     def effect(self) -> Effect | None:

@@ -8,6 +8,7 @@ from heavebond.core.errors import Problems, listing, suggest
 from heavebond.core.units import ONE, dimension_text, is_generic
 from heavebond.language import reading
 from heavebond.language.definition import Component, EventDefinition, Formula, Reset
+from heavebond.language.state_chart import BEGIN, BEGUN, ENTERED, KEPT, STATE
 from heavebond.text.dimensions import SECOND, TRUTH, Lookup, dimension, number_dimension
 from heavebond.text.expression import Call, Compare, Expr, ExpressionProblem, Name, children, constant, names
 from heavebond.text.shapes import Lengths
@@ -18,7 +19,10 @@ EQUALITIES = ("==", "!=")
 def check_events(component: Component, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
     """Report mistakes in the held variables and the events of a component; `lookup` gives the unit of a name."""
     _equations_leave_alone(component, problems)
+    transitions = {t.event: t for state in component.states for t in state.transitions}
     for event in component.when:
+        if event.name in transitions or (component.states and event.name == BEGIN):
+            continue  # checked as they are written, below
         if event.key == "condition":
             _condition(component, event.formula, lookup, lengths, problems)
         else:
@@ -29,6 +33,13 @@ def check_events(component: Component, lookup: Lookup, lengths: Lengths, problem
             _impulse(component, event, problems)
         if event.moves or event.otherwise:
             _breakaway(component, event, problems)
+    for transition in transitions.values():
+        if transition.when is not None:
+            _condition(component, transition.when, lookup, lengths, problems)
+        if transition.after is not None:
+            _after(transition.after, lookup, lengths, problems)
+    for entry in (reset for state in component.states for reset in state.entry):
+        _entry(component, entry, lookup, lengths, problems)
     # an event sets an element of a list, `h[2]`
     set_by = {name.partition("[")[0] for event in component.when
               for name in (event.impulse, *(reset.target.text for reset in (*event.resets, *event.otherwise)))}
@@ -158,6 +169,35 @@ def _reset(component: Component, reset: Reset, lookup: Lookup, lengths: Lengths,
         problems.add("units-differ", f"'{target.text}' is in {dimension_text(wanted or ONE)}, its new value is in "
                      f"{dimension_text(actual or ONE)}", reset.value.place,
                      hint="Check the factors of the formula.")
+
+
+def _after(formula: Formula, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
+    """The time that a state lasts before a transition."""
+    try:
+        found = number_dimension(formula.tree, lookup)
+        lengths.number(formula.tree, "`after:`")
+    except ExpressionProblem as problem:
+        reading.add_expression_problem(problem, formula.place, problems)
+        return
+    if found is not None and found != SECOND and not is_generic(found):
+        problems.add("units-differ", f"`after:` is a time; this is in {dimension_text(found)}", formula.place,
+                     hint="Name a parameter in s, as in `after: T`.")
+
+
+def _entry(component: Component, entry: Reset, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
+    """A state sets outputs and held variables."""
+    settable = [*(s.name for s in component.signals.values() if s.direction == "out"),
+                *(name for name in component.held if name not in (STATE, ENTERED, BEGUN) and not name.endswith(KEPT))]
+    output = component.signal(entry.target.text)
+    if output is not None and output.count is not None:
+        problems.add("state-entry", f"`entry:` sets '{entry.target.text}', and {output.name} is a list", entry.target.place,
+                     hint="A state sets outputs that are numbers: give each element an output of its own, or set a held "
+                     "list and write `y = h` under `equations:`.")
+    elif entry.target.text.partition("[")[0] in settable:
+        _reset(component, entry, lookup, lengths, problems)
+    else:
+        problems.add("state-entry", f"`entry:` sets '{entry.target.text}', which is no output and no held variable",
+                     entry.target.place, hint=suggest(entry.target.text, settable) or f"There are {listing(settable)}.")
 
 
 def _impulse(component: Component, event: EventDefinition, problems: Problems) -> None:

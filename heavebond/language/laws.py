@@ -139,8 +139,11 @@ def _clashes(component: Component, problems: Problems) -> None:
 
 def _units(component: Component, domains: Domains, problems: Problems) -> None:
     scope = Scope(component, domains)
+    by_state = {reset.target.text for state in component.states for reset in state.entry}  # checked with its values
     for line in component.equations:
         lookup = _with_index(scope, line)
+        if isinstance(line.tree.left, Name) and line.tree.left.text in by_state:
+            continue
         try:
             check_equation(line.tree, lookup)
             Lengths(scope.length, exact=False).equation(line.tree)

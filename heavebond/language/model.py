@@ -16,10 +16,12 @@ from heavebond.language import reading
 from heavebond.language.definition import Body, End, FileInput, Formula, Instance, Value, Wire
 from heavebond.language.library import Library, bundled, is_bundled, joined_functions, library, shown_path
 from heavebond.language.sections import (
+    Clock,
     Condition,
     Initial,
     NamedOutput,
     Setting,
+    read_clocks,
     read_initial,
     read_nominal,
     read_plan,
@@ -35,7 +37,7 @@ if TYPE_CHECKING:
     import networkx as nx
 
 MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "vary", "remove", "initial",
-              "nominal", "show", "simulate", "view", "source", "notes")
+              "nominal", "clocks", "show", "simulate", "view", "source", "notes")
 LONGEST_CHAIN = 50
 BUNDLED = "bundled:"  # prefix of the name of a bundled machine
 
@@ -57,6 +59,7 @@ class Model:
     vary: dict[str, Setting] = field(default_factory=dict)
     initial: Initial = field(default_factory=Initial)
     nominal: dict[str, Setting] = field(default_factory=dict)
+    clocks: dict[str, Clock] = field(default_factory=dict)
     show: dict[str, NamedOutput] = field(default_factory=dict)
     begin: Value | None = None
     until: Value | None = None
@@ -366,6 +369,7 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
         vary={**base.vary, **read_vary(root.items.get("vary"), problems)},
         initial=read_initial(root.items.get("initial"), base.initial, problems),
         nominal={**base.nominal, **read_nominal(root.items.get("nominal"), problems)},
+        clocks={**base.clocks, **read_clocks(root.items.get("clocks"), problems)},
         show={**base.show, **read_show(root.items.get("show"), problems)},
         begin=plan.begin or base.begin, until=plan.until or base.until, every=plan.every or base.every,
         solver=plan.solver or base.solver, ends=plan.ends if plan.until or plan.ends else base.ends,

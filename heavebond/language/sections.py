@@ -7,9 +7,11 @@ from dataclasses import dataclass, field, replace
 from math import inf
 
 from heavebond.core.errors import Place, Problems, listing, suggest
-from heavebond.core.units import Dimension, declared_unit
+from heavebond.core.presentation import number, readable
+from heavebond.core.units import DIMENSIONLESS, Dimension, declared_unit
 from heavebond.language import reading
 from heavebond.language.definition import FileInput, Formula, Value
+from heavebond.language.symbols import uniform
 from heavebond.language.values import add_formula_problem, check_dimension
 from heavebond.text.dimensions import dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name, constant, parse_formula
@@ -37,6 +39,34 @@ class Initial:
     mode: str | None = None
     conditions: dict[str, Condition] = field(default_factory=dict)
     solve: dict[str, Place] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The clock of sampled parts with a jitter in s, the length of the interval in which each instant comes late, and the
+    probability that a sample is lost; both are pseudorandom, by a seed."""
+
+    name: str
+    parts: tuple[tuple[str, Place], ...]
+    jitter: float
+    lost: float
+    seed: int
+    place: Place
+
+    def late(self, k: int) -> float:
+        """How late the k-th instant comes, in s."""
+        return self.jitter * uniform(self.seed, 2 * k + 1)
+
+    def loses(self, k: int) -> bool:
+        """Whether the k-th sample is lost."""
+        return uniform(self.seed, 2 * k) < self.lost
+
+    @property
+    def text(self) -> str:
+        """`clock control (a, b): jitter 20 us, 1 % of the samples lost, seed 1`."""
+        words = [f"jitter {readable(self.jitter, 's')}"] if self.jitter else []
+        words += [f"{number(100 * self.lost)} % of the samples lost"] if self.lost else []
+        return f"clock {self.name} ({listing((path for path, _ in self.parts), 6)}): {', '.join(words)}, seed {self.seed}"
 
 
 @dataclass(frozen=True)
@@ -201,6 +231,40 @@ class Plan:
     solver: Scalar | None = None
     ends: Formula | None = None
     largest_step: Value | None = None
+
+
+def read_clocks(node: Node | None, problems: Problems) -> dict[str, Clock]:
+    """`clocks:` of a diagram: jitter and lost samples of the clocks of sampled parts."""
+    form, found = "`clocks: {control: {parts: [pid], jitter: 20 us, lost: 1 %, seed: 1}}`", dict[str, Clock]()
+    entries = reading.mapping(node, "clocks", problems, f"Write {form}.")
+    for name, item in (entries.items if entries else {}).items():
+        assert entries is not None
+        key, entry = entries.keys[name], reading.mapping(item, f"clock '{name}'", problems, f"Write {form}.")
+        if entry is None or not reading.identifier(key, "a clock", problems):
+            continue
+        reading.known_keys(entry, ("parts", "jitter", "lost", "seed"), f"clock '{name}'", problems, ("parts",))
+        numbers = {"jitter": 0.0, "lost": 0.0, "seed": 1.0}
+        for word in (word for word in numbers if word in entry.items):
+            value = reading.value(entry.items[word], word, problems)
+            given = constant(value.expr) if value is not None and not value.formula else None
+            if value is not None and given is None:
+                problems.add("not-a-quantity", f"{word}: '{value.text}' is not a plain quantity", value.place,
+                             hint=f"Write for example {form}.")
+            elif value is not None and given is not None:
+                unit = SECOND if word == "jitter" else DIMENSIONLESS
+                check_dimension(word, value, dimension(value.expr, _no_name), unit, problems)
+                high = {"jitter": inf, "lost": 1.0, "seed": 2.0**31}[word]
+                if not 0 <= given < high or (word == "seed" and given % 1):
+                    problems.add("clock-number", f"{word}: '{value.text}' is not allowed", value.place, hint={
+                        "jitter": "Write a time, for example `20 us`.", "lost": "Write a probability below 1, for example "
+                        "`1 %`.", "seed": "Write a whole number that is not negative."}[word])
+                numbers[word] = given
+        if not {"jitter", "lost"} & entry.items.keys():
+            problems.add("clock-regular", f"clock '{name}' has neither jitter nor lost samples", key.place,
+                         hint=f"Write for example {form}, or leave the clock out: without an entry a clock is regular.")
+        parts = tuple((word.text, word.place) for word in reading.words(entry.items.get("parts"), "parts", problems))
+        found[name] = Clock(name, parts, numbers["jitter"], numbers["lost"], int(numbers["seed"]), key.place)
+    return found
 
 
 def read_plan(node: Node | None, problems: Problems) -> Plan:

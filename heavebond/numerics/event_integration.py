@@ -594,7 +594,8 @@ class EventIntegration:
             point, events = (loosened, broken) if not events else (point, events)
             delays = [first] * len(events)
         else:
-            raise self._chattering(now.t, events, "set off each other without end")
+            again = [i for i in dict.fromkeys(happened) if happened.count(i) > 1]
+            raise self._chattering(now.t, again or events, "set off each other without end")
         if not happened:  # contacts at their limits only: no speed and no force jumps
             self._write(begun, record)
             return begun if self.delays is None else self._cut(begun, first)
@@ -632,8 +633,12 @@ class EventIntegration:
     def _chattering(self, time: float, events: Sequence[int], what: str) -> SimulationError:
         found = [self.home.equations.events[i] for i in events]
         names = " and ".join(f"'{event.name}'" for event in found)
+        leaves = self.home.assembly.flat.expanded.leaves
+        chart = any((leaf := leaves.get(e.name.rpartition(".")[0])) and leaf.component.states for e in found)
         return SimulationError([Problem(
             "event-chatter", f"{names} {what}, at t = {time:.6g} s", found[0].place,
+            "Give one of these transitions the time that its state lasts, `{when: ..., after: T}`, or let their conditions "
+            "exclude each other." if chart else
             "Let what it sets lead away from its condition for a while: a band between switching on and off, or a speed "
             "below which a body rests.", tuple(event.text for event in found))])
 

@@ -290,7 +290,10 @@ class EventEquations:
         contact sticks. A contact that does not move remains at its limit, and the others carry the rest of the load. If
         one moves against its force, the load has turned since that reached its limit: all of them stick again and share the
         load anew. This is the plastic limit analysis of W. Prager, P. G. Hodge, Theory of Perfectly Plastic Solids, 1951.
+        Of several transitions of a state, the first in its list remains.
         """
+        names = {self.events[i].name for i in fired}
+        fired = [i for i in fired if names.isdisjoint(self.events[i].yields_to)]
         if len(self._limits) <= 1:
             return point, list(fired)
         p = point.p.copy()

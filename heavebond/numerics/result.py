@@ -20,10 +20,11 @@ from heavebond.equations.buffered import Buffered
 from heavebond.equations.structural_messages import joined_ports
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.extremes import SignalFigures, signal_figures
 from heavebond.numerics.initialise import Start
 from heavebond.numerics.pointwise import undetermined
-from heavebond.numerics.run_verdict import NOT_BECOME, Finding, Verdict
+from heavebond.numerics.run_verdict import DENSE, NOT_BECOME, Finding, Verdict
 from heavebond.numerics.start_stability import unstable_start
 from heavebond.numerics.validity import RunSection, judged, without_value
 from heavebond.records.saved_runs import SavedRun, Signals, check_si, write_run
@@ -106,7 +107,7 @@ class Result:
         """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
         findings = [*self._true_at_start(), *self._placeholders(), *self._joined(), *self._unfit(), *self._unstable_start(),
-                    *self._time_formulas(), *([self.ended] if self.ended else [])]
+                    *self._time_formulas(), *self._dense_events(), *([self.ended] if self.ended else [])]
         return judged(list(_stretches(self)), findings, dense)
 
     @cached_property
@@ -157,6 +158,24 @@ class Result:
         u = columns(self, np.array([0]))[4]
         finding = unstable_start(self.assembly, self.start, np.asarray(u).ravel(), float(self.time[-1] - self.time[0]))
         return [finding] if finding is not None else []
+
+    def _dense_events(self) -> list[Finding]:
+        """Parts whose conditions make so many events, in the run or in a short while, that they decide on its time."""
+        conditions = {e.name for e in self.assembly.flat.events if e.indicator is not None and not e.by_clock}
+        instants: dict[str, list[float]] = {}
+        for instant in self.instants:
+            for part in dict.fromkeys(name.rpartition(".")[0] for name in instant.names if name in conditions):
+                instants.setdefault(part, []).append(instant.time)
+        found, span = list[Finding](), float(self.time[-1] - self.time[0])
+        for part, times in instants.items():
+            most = min(EVENTS.dense_events, len(times))
+            lengths = np.asarray(times)[most - 1:] - np.asarray(times)[:len(times) - most + 1]
+            k = int(lengths.argmin())
+            dense = most == EVENTS.dense_events and lengths[k] < EVENTS.dense_within * span
+            if dense or len(times) >= EVENTS.many_events:
+                rate = (most - 1) / max(float(lengths[k]), EVENTS.same_instant * span)
+                found.append(Finding("dense-events", part, part, times[k], rate, float(len(times)), "1/s", DENSE))
+        return found
 
     def _placeholders(self) -> list[Finding]:
         """Parts that stand for something that was not translated."""

@@ -16,12 +16,15 @@ from contextvars import ContextVar
 from dataclasses import asdict, dataclass
 
 from heavebond.core.errors import Problem, RunWarning, SimulationError, listing
-from heavebond.core.presentation import count, readable
+from heavebond.core.presentation import count, number, readable
 
 MOST_NAMED = 3
 PACKAGE = __name__.partition(".")[0]
 NOT_BECOME = ("`{}` acts as it becomes true. State what holds at the start, `initial: {{switch.on: 1}}`, or begin the run "
               "before it is true")
+DENSE = ("each one stops the integrator. If a switch drives itself back, widen its band (of a Relay, `u_on` and `u_off`) or "
+         "give what it drives an inertia or a lag. Sample the counts of a quantiser or encoder (`Encoder`, `Quantiser`) "
+         "instead of an event for each edge. If the events are those of the machine, shorten the run")
 RUNAWAY = 1e6  # typical sizes from which on a value is no result: a machine of metres does not go a thousand kilometres
 
 
@@ -60,6 +63,9 @@ class Finding:
             return f"{self.name} grows exponentially, to {value} at the end"
         if self.kind == "true-at-start":
             return f"the condition of {self.name} is true at the start, which lets nothing happen"
+        if self.kind == "dense-events":
+            many = number(self.limit or 0.0, 6)
+            return f"{self.name} has {number(self.value, 3)} events per second at {t} and {many} in the run"
         if self.kind == "unstable-start":
             return f"{self.name} starts at an unstable equilibrium, {value}"
         if self.kind == "scale":
@@ -90,7 +96,8 @@ class Finding:
 # whether a run with such a finding is worthless
 KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False,
          "growth": False, "scale": False, "undetermined": False, "true-at-start": False, "unstable-start": False,
-         "placeholder": False, "joined": False, "front": False, "time-formula": False}
+         "placeholder": False, "joined": False, "front": False, "time-formula": False,
+         "dense-events": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 

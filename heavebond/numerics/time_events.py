@@ -38,19 +38,26 @@ def timetable(events: Sequence[FlatEvent], instants: tuple[Array, Array, Array, 
 
     `instants` are the first instant and the period (n,) of every event with their derivatives (n, m). What happens once, and
     was to happen before the run begins, happens as it begins; of what is repeated the instants before are passed over.
-    SimulationError for a period that is none.
+    The instants of an irregular clock are late or left out (see `Clock`). SimulationError for a period that is none.
     """
     first, period, by_first, by_period = instants
     same = same_instant(begin, end)
     coming: dict[int, tuple[float, Array]] = {}
 
     def put(i: int, k: int) -> None:
-        coming[i] = float(first[i] + k * period[i]), by_first[i] + k * by_period[i]
+        clock = events[i].clock
+        while clock is not None and clock.loses(k):
+            k += 1
+        late = clock.late(k) if clock is not None else 0.0
+        count[i] = k
+        coming[i] = float(first[i] + k * period[i]) + late, by_first[i] + k * by_period[i]
 
+    clocks: dict[str, tuple[FlatEvent, float, float]] = {}
     count = dict.fromkeys((i for i, event in enumerate(events) if event.period is not None), 0)
     for i, event in enumerate(events):
         if i in count:
             _check(event, float(period[i]), end - begin)
+            _check_clock(event, float(period[i]), float(first[i]), clocks)
             passed = int(np.ceil((begin - same - first[i]) / period[i]))
             # without `from:` it is repeated from the start of the run
             count[i] = passed if event.first.is_zero() else max(0, passed)
@@ -74,3 +81,19 @@ def _check(event: FlatEvent, period: float, span: float) -> None:
     if span / period > EVENTS.max_time_events:
         raise SimulationError([Problem("too-many-events", f"'{event.name}' would happen {span / period:.3g} times",
                                        event.place, "Give a longer time, or run for a shorter one.")])
+
+
+def _check_clock(event: FlatEvent, period: float, first: float, clocks: dict[str, tuple[FlatEvent, float, float]]) -> None:
+    """SimulationError if the parts of a clock have different instants, or if its jitter reaches the next instant; `clocks`
+    are those that are known."""
+    if (clock := event.clock) is None:
+        return
+    other, other_period, other_first = clocks.setdefault(clock.name, (event, period, first))
+    if (period, first) != (other_period, other_first):
+        raise SimulationError([Problem(
+            "clock-periods", f"'{event.name}' and '{other.name}' have the clock '{clock.name}', and different periods "
+            f"({period:g} s, {other_period:g} s) or first instants", clock.place, "Give each rate a clock of its own.")])
+    if clock.jitter >= period:
+        raise SimulationError([Problem(
+            "clock-jitter", f"the jitter of clock '{clock.name}', {clock.jitter:g} s, is not below the period of "
+            f"'{event.name}', {period:g} s", clock.place, "Write a jitter below one period.")])

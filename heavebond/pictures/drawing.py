@@ -15,7 +15,7 @@ from heavebond.language.library import domains
 from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.pictures.colour_map import FADED, Paint
 from heavebond.pictures.layout import Drawn, Item, Options, Strand, lay_out
-from heavebond.pictures.pictograms import SIDES, STRAIGHT, Anchor, Mark, Shape, box, symbol
+from heavebond.pictures.pictograms import SIDES, STRAIGHT, WIDER, Anchor, Mark, Shape, box, symbol
 from heavebond.pictures.sheets import NODE, Sheet, marked_places, opened_blocks, sheet
 from heavebond.pictures.text_metrics import (
     FONT,
@@ -36,7 +36,6 @@ from heavebond.pictures.text_metrics import (
 
 EDGE = 20  # px around the drawing
 NARROWEST = 420  # px: least width, for the title
-WIDER = 1.13  # width of DejaVu Sans, the substitute for Helvetica and Arial, relative to the measured width
 SIGNAL = "#00734f"  # distinct from the colours of the domains for every kind of colour vision (after Okabe and Ito)
 OTHER, QUIET, WARNING, HALO = "#444444", "#5f6368", "#c2410c", "#ffe3d1"
 WIDTHS = {"signal": 1.1}
@@ -114,7 +113,7 @@ def symbol_picture(component: Component) -> str:
     shape = symbol(component)
     ports = {**{p.name: p.domain for p in component.ports.values()}, **dict.fromkeys(component.signal_names, "signal")}
     if shape is None:
-        shape = box("", component.name, _sides(component))
+        shape = box("", component.name, _sides(component), component.states)
         labels: list[Lettering] = []
     else:
         labels = [_port_name(anchor) for anchor in {a.port: a for a in reversed(shape.anchors)}.values()

@@ -154,7 +154,7 @@ def _item(part: Part, placement: Placement, joined: set[tuple[str, str]], option
         shape = _framed(inside)
         lines = tags
     else:
-        shape = box(part.name, part.component.name, sides)
+        shape = box(part.name, part.component.name, sides, part.component.states)
         lines = (*values, *tags)
     anchors = [a for port in part.ports if (part.name, port) in joined for a in _used(shape, port, placement, part.name)]
     return Item(part, shape, 0, 0, caption(lines, shape, anchors) if lines else None, marks, inside)

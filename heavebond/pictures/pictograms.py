@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 
 from heavebond.core.errors import ModelError, Place, Problem, listing, suggest
 from heavebond.core.limits import SYMBOL_BYTES
-from heavebond.language.definition import Component
+from heavebond.language.definition import ChartState, Component
 from heavebond.language.library import bundled, shown_path
 from heavebond.pictures.text_metrics import KIND, NAME, PORT, Line, size, text_width
 
@@ -183,11 +183,14 @@ def rounded_up(length: float) -> int:
     return 2 * GRID * math.ceil(length / (2 * GRID) - 1e-9)
 
 
-def box(name: str, kind: str, sides: Mapping[str, Sequence[str]]) -> Shape:
-    """A box with a name, the kind of the component and its ports on the sides (in order from top or left)."""
+def box(name: str, kind: str, sides: Mapping[str, Sequence[str]], states: Sequence[ChartState] = ()) -> Shape:
+    """A box with a name, the kind of the component and its ports on the sides (in order from top or left), and below
+    the name its state machine."""
     words = (Line(name, NAME), *([Line(kind, KIND)] if kind else []))
+    chart_width, chart_height = state_chart(states)[0]
     labels = {side: max((text_width(_shown(p), PORT) for p in ports), default=0.0) for side, ports in sides.items()}
     width, height = size(words)
+    width, height = max(width, chart_width), height + chart_height
     upper, lower = (14 if sides.get(side) else 4 for side in ("top", "bottom"))
     across = max(len(sides.get(side, ())) * max(4 * GRID, -(-(labels.get(side, 0) + 10) // (2 * GRID)) * 2 * GRID)
                  for side in ("top", "bottom"))  # in the order of `_spread`
@@ -212,6 +215,7 @@ def box(name: str, kind: str, sides: Mapping[str, Sequence[str]]) -> Shape:
         base += line.height
         marks.append(Mark("text", (("x", "0"), ("y", f"{base - 3:g}"), ("font-size", str(line.style.size)),
                                    ("data-style", "name" if line.style.bold else "quiet")), line.text))
+    marks += state_chart(states, -chart_width / 2, base)[1]
     return Shape(-half_x, -half_y, half_x, half_y, tuple(anchors), tuple(marks))
 
 
@@ -232,3 +236,55 @@ def _port_label(port: str, x: int, y: int, side: str) -> Mark:
                      "bottom": (0, -4, "middle")}[side]
     return Mark("text", (("x", str(x + dx)), ("y", str(y + dy)), ("font-size", str(PORT.size)), ("text-anchor", align),
                          ("data-style", "quiet")), _shown(port))
+
+
+ROW, INDENT, HEAD, LANE = 12, 8, 3, 8  # px: a line of text, its indent, half the head of an arrow, between two lines
+WIDER = 1.13  # width of DejaVu Sans, the substitute for Helvetica and Arial, relative to the measured width
+
+
+def state_chart(states: Sequence[ChartState], left: float = 0.0, top: float = 0.0) -> tuple[tuple[float, float], list[Mark]]:
+    """The size and the marks of a state machine from its upper left corner: the states below each other, each with its
+    entry values and its transitions; a line leads from each transition to the state that it enters."""
+    if not states:
+        return (0.0, 0.0), []
+    rows = [[*(f"{reset.target.text} = {reset.value.text}" for reset in state.entry),
+             *(f"{t.target}: {t.text}" for t in state.transitions)] for state in states]
+    width = max(60.0, *(text_width(state.name, NAME) + 20 for state in states),
+                *(WIDER * text_width(row, PORT) + 2 * INDENT for own in rows for row in own))
+    tops, y = dict[str, float](), top + 2 * ROW
+    for state, own in zip(states, rows, strict=True):
+        tops[state.name] = y
+        y += ROW * (len(own) + 2)
+    lane = right = left + width
+    middle = left + width / 2
+    marks = [_drawn("circle", cx=middle, cy=top + 5, r=3, fill="currentColor"),
+             _drawn("path", d=f"M{middle:g} {top + 8:g} V{top + 2 * ROW - 6:g}"), _head(middle, top + 2 * ROW, 0, 1)]
+    for state, own in zip(states, rows, strict=True):
+        upper = tops[state.name]
+        marks += [_drawn("rect", x=left, y=upper, width=width, height=ROW * (len(own) + 1) + 4, rx=6, fill="#ffffff"),
+                  _written(state.name, middle, upper + ROW - 1, NAME.size, "middle", "name")]
+        marks += [_written(row, left + INDENT, upper + ROW * (k + 2) - 1, PORT.size, "start", "quiet")
+                  for k, row in enumerate(own)]
+        for k, t in enumerate(state.transitions, len(state.entry) + 2):
+            lane += LANE
+            leaves, enters = upper + ROW * k - 4, tops[t.target] + ROW / 2
+            marks += [_drawn("path", d=f"M{right:g} {leaves:g} H{lane:g} V{enters:g} H{right + 6:g}"),
+                      _head(right, enters, -1, 0)]
+    return (lane - left + 4, y - top), marks
+
+
+def _drawn(tag: str, **attributes: str | float) -> Mark:
+    return Mark(tag, (*((name, value if isinstance(value, str) else f"{value:g}") for name, value in attributes.items()),
+                      ("stroke-width", "1")))
+
+
+def _head(x: float, y: float, dx: int, dy: int) -> Mark:
+    """An arrow's head whose tip is at a point."""
+    back, side = (x - 6 * dx, y - 6 * dy), (HEAD * dy, HEAD * dx)
+    return _drawn("path", d=f"M{x:g} {y:g} L{back[0] + side[0]:g} {back[1] + side[1]:g} "
+                  f"L{back[0] - side[0]:g} {back[1] - side[1]:g} z", fill="currentColor")
+
+
+def _written(text: str, x: float, y: float, height: int, align: str, style: str) -> Mark:
+    return Mark("text", (("x", f"{x:g}"), ("y", f"{y:g}"), ("font-size", str(height)), ("text-anchor", align),
+                         ("data-style", style)), text)

@@ -55,6 +55,8 @@ def renamed_mentions(text: str, named: Named, new: str, *, node: bool) -> str:
     def change(path: tuple[Key, ...], raw: str) -> str:
         if path[0] == "components" and path[2:3] == ("data",) and raw.strip("'\"") == named.name and not node:
             return new
+        if path[0] == "clocks" and path[2:3] == ("parts",) and not node:
+            return re.sub(rf"(?<![\w.]){re.escape(named.name)}(?!\w)", new, raw)
         if not _formula(path, raw):
             return raw
         wires = path[0] == "nodes"
