@@ -357,7 +357,7 @@ class _Builder:
         """What equations ask of the time becomes what is held between events."""
         told = [(e.owner, e.text, e.place) for e in self.equations]
         self.residuals = ca.densify(ca.vertcat(*self.pieces)[self.order]) if self.order else ca.SX(0, 1)
-        check_steps(self.residuals, told, self.parameters.p, self.problems)
+        check_steps(self.residuals, told, self.time, self.parameters, self.problems)
         self.problems.raise_as(ModelError)
         found = timed(self.residuals, told, self.time, self.parameters, self.held, self.corners)
         claim_clocks(self.claimed, found.held[len(self.held):])
