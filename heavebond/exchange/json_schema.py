@@ -184,6 +184,7 @@ def component_file(known: Library) -> Schema:
         "ports": _each({"anyOf": [domain, signal, port]}, "`a: translational`, `u: {signal: in, unit: V}`"),
         "parameters": _each(parameter), "variables": _each(variable, "own unknowns"),
         "travel_time": _said("time in which a wave passes the component, a segment of a line"),
+        "opens": _said("pressure by which a valve is open, positive while it passes, `a.p - b.p - dp_0`"),
         "initial": _each(FORMULA, "states at the start that the diagram does not give, `{z: u}`"),
         "equations": _said("one equation a line, its name behind #", {"type": "string"}),
         "when": _each(event, "what happens at an instant"), **BODY, "stores": _said("energy stored", FORMULA),
