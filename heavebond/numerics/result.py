@@ -109,8 +109,8 @@ class Result:
     def verdict(self) -> Verdict:
         """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
-        findings = [*self._true_at_start(), *self._placeholders(), *self._joined(), *self._reversed(), *self._unfit(),
-                    *self._unstable_start(), *self._time_formulas(), *([self.ended] if self.ended else [])]
+        findings = [*self._true_at_start(), *self._placeholders(), *self._joined(), *self._reversed(), *self._filled(),
+                    *self._unfit(), *self._unstable_start(), *self._time_formulas(), *([self.ended] if self.ended else [])]
         return judged(list(_stretches(self)), findings, dense)
 
     @cached_property
@@ -201,6 +201,16 @@ class Result:
                 "reversed", path, path, float(self.time[k]), float(backwards.max()), None, flat.unknowns[outlet].unit.text,
                 f"it opens from {first} to {last} only. If it is to limit {high}, exchange its ports {first} and {last}"))
         return found
+
+    def _filled(self) -> list[Finding]:
+        """Nodes without a capacity of their own at which the run was restarted with a small volume."""
+        fills = self.statistics.get("fills")
+        if not isinstance(fills, dict):
+            return []
+        volumes = self.assembly.parameter_values
+        advice = f"Without it, {fills['why']}. Add a Volume or a Receiver of the real size"
+        return [Finding("filled", node, node, float(self.time[0]), volumes[f"{part}.V"], None, "m**3", advice)
+                for node, part in zip(fills["nodes"], fills["components"], strict=True)]
 
     def _unfit(self) -> list[Finding]:
         """Unknowns that stay far below the sizes of their absolute tolerances, with which the run could not be repeated."""

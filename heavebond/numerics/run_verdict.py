@@ -72,6 +72,8 @@ class Finding:
             return f"{self.name} has no law: it is a placeholder"
         if self.kind == "joined":
             return f"{self.name} has both ports on the same node, '{self.part}'"
+        if self.kind == "filled":
+            return f"{self.name} has no capacity of its own: the run was restarted with a volume of {value} there"
         if self.kind == "reversed":
             return f"{self.name} cannot open: from {t} on the pressure at its outlet is above that at its inlet, by up to " \
                 f"{value} more than would open it in reverse"
@@ -93,7 +95,7 @@ class Finding:
 # whether a run with such a finding is worthless
 KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False,
          "growth": False, "scale": False, "undetermined": False, "true-at-start": False, "unstable-start": False,
-         "placeholder": False, "joined": False, "reversed": False, "front": False, "time-formula": False}
+         "placeholder": False, "joined": False, "reversed": False, "filled": False, "front": False, "time-formula": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 

@@ -182,10 +182,8 @@ def _provisional(simulator: Simulator, parameters: Mapping[str, float | str] | N
 
 
 def changes_of(result: Result, states: bool = True) -> list[str]:
-    """What a run changed on its way, in sentences: its equations, its solver, its `states`."""
-    said, fills = [], result.statistics.get("fills")
-    if isinstance(fills, dict):
-        said.append(f"begun anew {fills_told(fills['nodes'], fills['why'])}")
+    """What a run changed on its way, in sentences: its tolerances, solver and `states`; its verdict names filled nodes."""
+    said = []
     sizes = result.statistics.get("sizes")
     if isinstance(sizes, dict):
         units = {u.name: u.unit.text for u in result.assembly.flat.unknowns}
