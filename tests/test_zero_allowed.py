@@ -35,21 +35,21 @@ STORES: dict[str, tuple[tuple[str, dict[str, str | float], str, str], ...]] = {
     "thermal": (("HeatCapacity", {"m": "1 kg", "c": "500 J/(kg*K)"}, "a", ""),),
     "planar": (("PlanarBody", {"m": "1 kg", "J": "0.01 kg*m**2"}, "a", ""),),
 }
-# what a run may find where the law has its values: the example leaves what machines do (a pump on a shut valve)
-FOUND = {"physical", "larger", "range", "front"}
+# what a run may find where the law has its values: it leaves what machines do (a pump on a shut valve), a node has no volume
+FOUND = {"physical", "larger", "range", "front", "filled"}
 # volumes at one end of a stroke: the run begins within the stroke
 WITHIN: dict[tuple[str, str], dict[str, float]] = {
     ("Cylinder", "V_A0"): {"initial.load.x": 0.1}, ("Cylinder", "V_B0"): {"initial.load.x": -0.1},
     ("PlungerCylinder", "V_A0"): {"initial.load.x": 0.1}, ("OilCylinder", "V_A0"): {"initial.load.x": 0.1},
-    ("OilCylinder", "V_B0"): {"initial.load.x": -0.02}, ("PneumaticCylinderSingle", "V_d"): {"initial.jaw.x": 0.01}}
+    ("OilCylinder", "V_B0"): {"initial.load.x": -0.02}, ("OilChamber", "V_0"): {"initial.piston.x": -0.1},
+    ("PneumaticCylinderSingle", "V_d"): {"initial.jaw.x": 0.01}}
 # runs that end before the example leaves what its parts may do: a rope without free length is wound up, a pump fills a
 # dead end to 5000 bar
 UNTIL = {("RopeStrand", "l0"): 0.02, ("OilReliefValve", "C"): 5e-4, ("OilCylinder", "A_A"): 0.1}
 # examples in which nothing else decides a variable at 0, so that its error names the parameter
 NAMED = {
     ("Resistor", "R"): "a short circuit of an ideal source", ("LineInertance", "I"): "no resistance beside it",
-    ("PneumaticChamber", "V_0"): "the example holds its piston where its volume is V_0",
-    ("OilChamber", "V_0"): "the example starts with its piston where its volume is V_0"}
+    ("PneumaticChamber", "V_0"): "the example holds its piston where its volume is V_0"}
 
 
 def with_stores(model: Model, part: str) -> Model:

@@ -40,6 +40,9 @@ DELAY_TERMS = 8
 DELAY_ROWS = 3 + DELAY_TERMS
 LARGE = 100  # smallest number of unknowns of a system that is factorised by CSparse
 SMALLEST_PIVOT = 1e-12  # of sparse QR, the default of CasADi: a smaller pivot is zero
+# Gradient of a residual of a loop (per size of an unknown) from which on, or below the reciprocal of which, the residual is
+# scaled: the linear solver does not scale rows, and loses the smaller ones of a matrix to rounding.
+FAR_GRADIENT = 1e12
 LOST_GRADIENT = 1e-9  # of the gradient of a loop at the beginning: below it, the loop no longer determines its unknown
 
 
@@ -496,15 +499,27 @@ def smallest_pivot(assembly: Assembly) -> float:
     The gradients are those at equal pressures, where the regularised laws are steepest. A loop without gradient there, as
     at an open contact, has no size.
     """
+    rows = _row_sizes(assembly) * _row_scales(assembly)
+    return min(SMALLEST_PIVOT, LOST_GRADIENT * float(np.min(rows, where=np.isfinite(rows) & (rows > 0.0), initial=np.inf)))
+
+
+def _row_scales(assembly: Assembly) -> Array:
+    """Factors (n_z,) of the residuals of loops: powers of two that bring gradients far from 1 to it, else 1."""
+    rows = _row_sizes(assembly)
+    far = np.isfinite(rows) & (rows > 0.0) & ((rows > FAR_GRADIENT) | (rows < 1 / FAR_GRADIENT))
+    return np.where(far, 2.0 ** -np.floor(np.log2(np.where(far, rows, 1.0))), 1.0)
+
+
+def _row_sizes(assembly: Assembly) -> Array:
+    """The largest gradient in each residual of a loop at the begin, per size of an unknown; 0 in large systems."""
     n_z = assembly.alg.numel()
     if not 0 < n_z < LARGE:
-        return SMALLEST_PIVOT
+        return np.zeros(n_z)
     slopes = assembly.once("slopes of loops", lambda: ca.Function(
         "slopes", list(assembly.arguments), [ca.jacobian(assembly.alg, assembly.arguments[2])]))
     _, x, z, _, u, _ = (np.zeros(a.shape) for a in assembly.arguments)
     found = slopes(assembly.begin, x, z, assembly.p, u, 1.0)
-    rows = np.abs(np.array(found) * assembly.z_nominal).max(axis=1)
-    return min(SMALLEST_PIVOT, LOST_GRADIENT * float(np.min(rows, where=np.isfinite(rows) & (rows > 0.0), initial=np.inf)))
+    return np.asarray(np.abs(np.array(found) * assembly.z_nominal).max(axis=1))
 
 
 def from_begin(expressions: Sequence[ca.SX], time: ca.SX, begin: float) -> list[ca.SX]:
@@ -576,7 +591,9 @@ def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: 
     t, x, z, p, u, rate = assembly.arguments
     x_s, z_s = ca.SX.sym("x", x.numel()), ca.SX.sym("z", z.numel())
     x_nominal, z_nominal = ca.SX(ca.DM(assembly.x_nominal)), ca.SX(ca.DM(assembly.z_nominal))
-    right = from_begin([assembly.ode / x_nominal, assembly.alg, *([quadratures] if quadratures is not None else [])],
+    scales = _row_scales(assembly)
+    alg = assembly.alg if np.all(scales == 1.0) else ca.SX(ca.DM(scales)) * assembly.alg
+    right = from_begin([assembly.ode / x_nominal, alg, *([quadratures] if quadratures is not None else [])],
                        t, begin)
     replaced = ca.substitute(right, [x, z, rate], [x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
     rows = list(moving) if directions else []
