@@ -9,6 +9,7 @@ import pytest
 
 import heavebond as hb
 from heavebond.core.errors import StartError, UsageError
+from heavebond.core.quantities import ranges
 from heavebond.linear.operating_point import OperatingPoints
 from heavebond.numerics.dae import assemble, at_zero
 from heavebond.numerics.simulator import Simulator
@@ -162,3 +163,11 @@ def test_an_operating_point_at_zero_refuses_another_value() -> None:
     assert len(points.at({"spring.c": 50.0}).x) == 1
     with pytest.raises(UsageError, match=r"mass\.m = 0 in the diagram"):
         points.at({"mass.m": 1.0})
+
+
+def test_tuning_beside_a_parameter_of_zero() -> None:
+    """The speed of a massless body after t = 50 ms is F/d exp(-t c/d): least at the largest d of the range."""
+    task = hb.TuningProblem(ranges({"damper.d": "8 .. 20 N*s/m"}), "final(body.v)", end=0.05)
+    found = hb.tune(hb.loads(BODY), task, explore=0)
+    assert found.values["damper.d"] == pytest.approx(20, rel=1e-6)
+    assert found.cost == pytest.approx(1 / 20 * np.exp(-0.05 * 100 / 20), rel=1e-5)
