@@ -504,21 +504,24 @@ def smallest_pivot(assembly: Assembly) -> float:
 
 
 def _row_scales(assembly: Assembly) -> Array:
-    """Factors (n_z,) of the residuals of loops: powers of two that bring gradients far from 1 to it, else 1."""
-    rows = _row_sizes(assembly)
-    far = np.isfinite(rows) & (rows > 0.0) & ((rows > FAR_GRADIENT) | (rows < 1 / FAR_GRADIENT))
-    return np.where(far, 2.0 ** -np.floor(np.log2(np.where(far, rows, 1.0))), 1.0)
+    """Factors (n_z,) of the residuals of loops: powers of two that bring gradients far from 1 to it, else 1. These gradients
+    are far from 1 both where all unknowns are zero, as a temperature never is, and where they have their sizes."""
+    rows = np.stack([_row_sizes(assembly, share) for share in (0.0, 1.0)])
+    near = np.exp2(np.floor(np.log2(np.where(np.isfinite(rows) & (rows > 0.0), rows, 1.0))))
+    steep, flat = near.min(axis=0), near.max(axis=0)
+    return np.where(steep > FAR_GRADIENT, 1 / steep, np.where(flat < 1 / FAR_GRADIENT, 1 / flat, 1.0))
 
 
-def _row_sizes(assembly: Assembly) -> Array:
-    """The largest gradient in each residual of a loop at the begin, per size of an unknown; 0 in large systems."""
+def _row_sizes(assembly: Assembly, share: float = 0.0) -> Array:
+    """The largest gradient in each residual of a loop, per size of an unknown, where the unknowns have this share of their
+    sizes; 0 in large systems."""
     n_z = assembly.alg.numel()
     if not 0 < n_z < LARGE:
         return np.zeros(n_z)
     slopes = assembly.once("slopes of loops", lambda: ca.Function(
         "slopes", list(assembly.arguments), [ca.jacobian(assembly.alg, assembly.arguments[2])]))
-    _, x, z, _, u, _ = (np.zeros(a.shape) for a in assembly.arguments)
-    found = slopes(assembly.begin, x, z, assembly.p, u, 1.0)
+    u = np.zeros(assembly.arguments[4].shape)
+    found = slopes(assembly.begin, share * assembly.x_nominal, share * assembly.z_nominal, assembly.p, u, 1.0)
     return np.asarray(np.abs(np.array(found) * assembly.z_nominal).max(axis=1))
 
 
