@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -106,7 +107,24 @@ simulate: {until: 1 s}
     assert [p.code for p in caught.value.problems] == ["floor-moves"]
     assert "then:" in str(caught.value)
     with pytest.raises(ModelError, match="SampleHold of a Ramp"):
-        hb.simulate(hb.loads(text.replace("cart.x/(1 m)", "time/(1 s)")))
+        hb.simulate(hb.loads(text.replace("cart.x/(1 m)", "sin(time/(1 s))")))
+
+
+def test_the_advice_for_floor_of_the_time_gives_its_staircase() -> None:
+    text = """\
+model: stairs
+components:
+  source: {is: ForceSource, u: "=1 N*floor(time/(0.3 s)) + 2 N"}
+  cart: {is: Mass, m: 1 kg}
+nodes: {cart: [source.a, cart.a]}
+simulate: {until: 1 s, every: 50 ms}
+"""
+    with pytest.raises(ModelError) as caught:
+        hb.simulate(hb.loads(text))
+    block, part = re.search(r"Add `(.*)` and write (\S+) in place of floor", caught.value.problems[0].hint).groups()  # type: ignore[union-attr]
+    followed = text.replace("floor(time/(0.3 s))", part).replace("  cart: {is", f"  {block}\n  cart: {{is", 1)
+    run = hb.simulate(hb.loads(followed))
+    assert run["source.u"] == pytest.approx(np.floor(run.time / 0.3 + 1e-9) + 2, abs=1e-9)
 
 
 # -- blocks without memory ----------------------------------------------------------------------------------------------

@@ -49,14 +49,14 @@ def _check_diagram(model: str, listed: bool, settings: tuple[str, ...]) -> dict[
     from heavebond.commands.terminal import output, working
     from heavebond.core.errors import StartError
     from heavebond.language.model import load
-    from heavebond.numerics.dae import assemble
+    from heavebond.numerics.dae import assemble, at_zero
     from heavebond.numerics.run_verdict import report_verdict
     from heavebond.numerics.validity import at_point
     from heavebond.reports.summary import summary
 
     with blamed_on_settings(settings):
         with working("assembling"):
-            assembly = assemble(with_settings(load(model), settings))
+            assembly = at_zero(assemble(with_settings(load(model), settings)))
         failure, begun, first = None, None, None
         try:
             begun, first = _start(assembly)

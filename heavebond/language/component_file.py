@@ -35,8 +35,8 @@ from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
 T = TypeVar("T")
 COMPONENT_KEYS = (
     "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "initial", "when",
-    "travel_time", "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain",
-    "symbol", "sliding", "units", "placeholder", "extends", "set", "approximation", "states")
+    "travel_time", "opens", "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect",
+    "domain", "symbol", "sliding", "units", "placeholder", "extends", "set", "approximation", "states")
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
 
 
@@ -90,7 +90,7 @@ class _Parser:
             initial=resets("initial", root.items.get("initial"), "Write `initial: {z: u}`.", problems),
             when=events,
             body=reading.body(root, self.source, problems) if "components" in root.items else Body(),
-            travel_time=self._formula(root, "travel_time"),
+            travel_time=self._formula(root, "travel_time"), opens=self._formula(root, "opens"),
             stores=self._formula(root, "stores"), dissipates=self._formula(root, "dissipates"),
             unbalanced=unbalanced, unbalanced_why=why,
             power=self._power(root.items.get("power")),

@@ -485,6 +485,7 @@ class Component:
     equations: tuple[EquationLine, ...] = ()
     initial: tuple[Reset, ...] = ()  # states at the start, if the diagram does not give them
     travel_time: Formula | None = None  # travel time of a wave through a segment of a line
+    opens: Formula | None = None  # positive while a valve passes from the first to the second port in it
     when: tuple[EventDefinition, ...] = ()
     body: Body = field(default_factory=Body)
     stores: Formula | None = None

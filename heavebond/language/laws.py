@@ -153,7 +153,8 @@ def _units(component: Component, domains: Domains, problems: Problems) -> None:
     energies = ((component.stores, joule, "stores", "an energy in J"),
                 (component.dissipates, watt, "dissipates", "a power in W"),
                 (component.unbalanced, watt, "unbalanced", "a power in W"),
-                (component.travel_time, declared_unit("s").dimension, "travel_time", "a time in s"))
+                (component.travel_time, declared_unit("s").dimension, "travel_time", "a time in s"),
+                (component.opens, declared_unit("Pa").dimension, "opens", "a pressure in Pa"))
     for formula, wanted, key, wanted_text in energies:
         if formula is not None:
             _formula(formula, wanted, key, wanted_text, scope, problems)

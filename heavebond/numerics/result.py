@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
@@ -39,6 +40,9 @@ if TYPE_CHECKING:
 
 
 FORMULA_LENGTH = 80  # of a function of time in a finding
+
+
+_PRESSURE = re.compile(r"\b[A-Za-z_]\w*\.\w+\b")
 
 
 @dataclass(frozen=True)
@@ -106,8 +110,9 @@ class Result:
     def verdict(self) -> Verdict:
         """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
-        findings = [*self._true_at_start(), *self._placeholders(), *self._joined(), *self._unfit(), *self._unstable_start(),
-                    *self._time_formulas(), *self._dense_events(), *([self.ended] if self.ended else [])]
+        findings = [*self._true_at_start(), *self._placeholders(), *self._joined(), *self._reversed(), *self._filled(),
+                    *self._unfit(), *self._unstable_start(), *self._time_formulas(), *self._dense_events(),
+                    *([self.ended] if self.ended else [])]
         return judged(list(_stretches(self)), findings, dense)
 
     @cached_property
@@ -190,6 +195,42 @@ class Result:
         joined = {path: node for path in flat.expanded.leaves if (node := joined_ports(flat, path)) is not None}
         return [Finding("joined", path, node, time, 0.0, None, "", "it does nothing there. Put one port on another node, or "
                         "remove the part") for path, node in joined.items()]
+
+    def _reversed(self) -> list[Finding]:
+        """Valves that open in one direction (`opens:` of the component) and cannot have opened in the run, not even with an
+        outlet at its lowest physical pressure, while they would have in the other direction. A valve of which another passes
+        in the opposite direction between the same nodes, as in a cross-over relief, is none of these."""
+        flat, resolver, found = self.assembly.flat, self.assembly.resolver(), list[Finding]()
+        components = {path: leaf.component for path, leaf in flat.expanded.leaves.items()}
+        opening = {path: (component.in_diagram(component.opens, path), _ports_of(component.opens.text))
+                   for path, component in components.items() if component.opens is not None}
+        ways = {path: tuple(flat.names.get(f"{path}.{port}") for port in ports) for path, (_, ports) in opening.items()}
+        for path, (formula, ports) in opening.items():
+            inlet, outlet = ways[path]
+            if inlet is None or outlet is None or inlet == outlet or (outlet, inlet) in ways.values():
+                continue
+            opens = resolver.evaluate(self.assembly.model.library.formula(formula))
+            a, b = flat.levels[0][inlet], flat.levels[0][outlet]
+            possible = ca.substitute(opens, b, flat.unknowns[outlet].plausible.least)
+            either, backwards = self.evaluate(stack([possible, ca.substitute(opens, stack([a, b]), stack([b, a]))]))
+            if either.max() > 0 or not backwards.max() > 0:
+                continue
+            k, high = int(np.argmax(backwards > 0)), flat.unknowns[outlet].name
+            first, last = (port.rpartition(".")[0] for port in ports)
+            found.append(Finding(
+                "reversed", path, path, float(self.time[k]), float(backwards.max()), None, flat.unknowns[outlet].unit.text,
+                f"it opens from {first} to {last} only. If it is to limit {high}, exchange its ports {first} and {last}"))
+        return found
+
+    def _filled(self) -> list[Finding]:
+        """Nodes without a capacity of their own at which the run was restarted with a small volume."""
+        fills = self.statistics.get("fills")
+        if not isinstance(fills, dict):
+            return []
+        volumes = self.assembly.parameter_values
+        advice = f"Without it, {fills['why']}. Add a Volume or a Receiver of the real size"
+        return [Finding("filled", node, node, float(self.time[0]), volumes[f"{part}.V"], None, "m**3", advice)
+                for node, part in zip(fills["nodes"], fills["components"], strict=True)]
 
     def _unfit(self) -> list[Finding]:
         """Unknowns that stay far below the sizes of their absolute tolerances, with which the run could not be repeated."""
@@ -441,6 +482,11 @@ class _Course:
             self._many = (n, Buffered(self._function.map(n)))
         found, = self._many[1](given).values()
         return np.ascontiguousarray(found.reshape((-1, n), order="F"))
+
+
+def _ports_of(opens: str) -> list[str]:
+    """The inlet and the outlet of a valve, `a.p` and `b.p`, in the formula by which it opens."""
+    return list(dict.fromkeys(_PRESSURE.findall(opens)))[:2]
 
 
 def columns(result: Result, at: NDArray[np.intp] | None = None) -> tuple[Array, ...]:

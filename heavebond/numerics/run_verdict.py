@@ -78,6 +78,11 @@ class Finding:
             return f"{self.name} has no law: it is a placeholder"
         if self.kind == "joined":
             return f"{self.name} has both ports on the same node, '{self.part}'"
+        if self.kind == "filled":
+            return f"{self.name} has no capacity of its own: the run was restarted with a volume of {value} there"
+        if self.kind == "reversed":
+            return f"{self.name} cannot open: from {t} on the pressure at its outlet is above that at its inlet, by up to " \
+                f"{value} more than would open it in reverse"
         if self.kind == "front":
             travel = readable(self.limit or 0.0, "s")
             return f"{self.name} passes a front of {value} at {t}, and a wave takes {travel} through each of its segments"
@@ -96,7 +101,7 @@ class Finding:
 # whether a run with such a finding is worthless
 KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False,
          "growth": False, "scale": False, "undetermined": False, "true-at-start": False, "unstable-start": False,
-         "placeholder": False, "joined": False, "front": False, "time-formula": False,
+         "placeholder": False, "joined": False, "reversed": False, "filled": False, "front": False, "time-formula": False,
          "dense-events": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 

@@ -18,7 +18,17 @@ from heavebond.core.limits import RATE
 from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
 from heavebond.numerics.co_simulation import check_allowed
-from heavebond.numerics.dae import Array, Assembly, Factors, Integrand, integrand, newton_loops, substitute_inputs, summed
+from heavebond.numerics.dae import (
+    Array,
+    Assembly,
+    Factors,
+    Integrand,
+    integrand,
+    newton_loops,
+    other_states,
+    substitute_inputs,
+    summed,
+)
 from heavebond.numerics.delays import Delays
 from heavebond.numerics.dynamic_state_selection import StateChoice, StateChoices
 from heavebond.numerics.event_constants import EVENTS
@@ -260,7 +270,8 @@ class Simulator:
         """
         check()
         began = clock.perf_counter()
-        if parameters and (self.assembly.flat.delays or self.assembly.flat.passed_through) and \
+        flat = self.assembly.flat
+        if parameters and (flat.delays or flat.passed_through or flat.zeros) and \
                 (assembly := self.assembly.with_parameters(parameters)).flat is not self.assembly.flat:
             return type(self)(assembly, times=self.time, tolerances=self.tolerances, quadratures=self.quadratures,
                               factors=self.factors, sensitivities=self.parameters, driven=self.pieces if
@@ -277,6 +288,8 @@ class Simulator:
     def _started(self, parameters: Mapping[str, float | str] | None) -> tuple[Assembly, Start, Tangent | None]:
         """The equations with these parameters, their start, and how it moves along the sensitivities."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
+        if assembly.flat is not self.assembly.flat and self.assembly.flat.zeros:
+            raise other_states(self.assembly)
         if assembly.flat is not self.assembly.flat:
             delay = (*self.assembly.flat.delays, *self.assembly.flat.passed_through)[0]
             raise UsageError([Problem("delay-zero", "a delay becomes zero within a search, or is zero no more, and the "

@@ -84,7 +84,7 @@ def rank(assembly: Assembly, signals: Sequence[str], parameters: Sequence[str] =
     _check(assembly, chosen, possible)
     (courses, signal, run), filled = with_filled_nodes(
         lambda machine: _courses(machine, signals, chosen, until, every, progress or (lambda text: None)), assembly,
-        lambda found: found[2])
+        lambda found: found[2], chosen)
     values = np.array([assembly.parameter_values[name] for name in chosen])
     scaled = np.concatenate(courses) * values[:, None, None]
     units = {q.name: q.unit for q in assembly.flat.parameters}

@@ -17,7 +17,7 @@ from heavebond.linear.describing_function import slopes_over
 from heavebond.linear.held_variables import HeldVariable, check_decided, undecided_reasons
 from heavebond.linear.linearisation import ModesAtStart
 from heavebond.linear.rest_stability import STABLE, OperatingPointStability, RestStability
-from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.dae import Array, Assembly, at_zero
 from heavebond.numerics.forcing import Forcing
 from heavebond.numerics.output_times import Time, grid, seconds
 from heavebond.numerics.result import Result
@@ -142,7 +142,8 @@ class Objective:
     """The cost of a task as a function of y in [0, 1]^m, the free parameters as shares of their ranges."""
 
     def __init__(self, assembly: Assembly, task: TuningProblem):
-        self.assembly, self.task = assembly, task
+        varied = [task.free, task.reference or {}, task.modes, task.uncertain, *(case.settings for case in task.cases)]
+        self.assembly, self.task = (assembly := at_zero(assembly, [name for names in varied for name in names])), task
         self.begin = assembly.begin if task.begin is None else task.begin  # time interval of the evaluation
         self.names = list(task.free)
         check_free(assembly, task)

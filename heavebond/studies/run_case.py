@@ -117,7 +117,7 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
         assembly = assembly.with_parameters(tuned.values)
     by = tuple(name for level in case.levels for name in level.along)
     (numbers, run, slopes), filled = with_filled_nodes(lambda machine: measured(study, machine, by), assembly,
-                                                     lambda found: found[1])
+                                                       lambda found: found[1], by)
     verdict = run.verdict.raise_if_failed() if run is not None else Verdict()
     time, signals = _signals(study, run)
     return Outcome(0, values={**values, **numbers}, limits=dict(limits), message=message, modes=_modes(study, assembly),
