@@ -35,8 +35,9 @@ def test_weight_on_bit_in_the_published_wave(regular: hb.Result) -> None:
     deviation = late(regular, "WOB").std()
     assert 0.4 < deviation < 0.6
     assert abs(late(regular, "WOB") - 30).max() < 1.8
+    assert late(regular, "crown").std() < 4     # mm
     smooth = hb.simulate(hb.load("cmc_ahc/modern"), "36 s", parameters={**SLIDING, "cmc.friction.sigma_2": 0})
-    assert abs(late(smooth, "WOB") - 30).max() < 0.5
+    assert abs(late(smooth, "WOB") - 30).max() < 0.3
     assert late(regular, "p_supply").min() > 330
 
 
@@ -56,15 +57,16 @@ def test_a_wave_beyond_the_stroke_ends_the_published_machine_with_the_name_of_th
 
 @pytest.mark.long
 def test_a_wave_beyond_the_stroke_is_stopped_in_the_modern_machine() -> None:
-    """It strikes its stops and runs on; the power unit is too small for such a wave, so that its supply collapses."""
+    """It strikes its stops and runs on. A power unit of a sixth of the power and a fifth of the gas collapses."""
     run = hb.simulate(hb.load("cmc_ahc/modern"), "24 s", parameters={"wave.a": 4.0})
     assert run.time[-1] == pytest.approx(24)
     force, stroke = abs(run.display["stop"]).max() / 1e3, abs(run.display["extension"]).max()
     assert force > 0.5     # MN
     assert 3.825 < stroke <= 3.825 + force / 400 + 1e-3     # two stops of 200 MN/m
-    assert run.display["p_supply"].min() < 100 < run.display["p_supply"][0]
     # the limit of 600 kW holds without losses, which are 6 % of the torque and 4 % of the flow, and follows with a lag
     assert run.display["pump_power"].max() < 600 * 1.15
+    small = hb.simulate(hb.load("cmc_ahc/modern"), "18 s", parameters={"wave.a": 4.0, "hpu.P_max": 100e3, "hpu.V_0": 0.2})
+    assert small.display["p_supply"].min() < 150 < run.display["p_supply"].min()
 
 
 @pytest.mark.long
