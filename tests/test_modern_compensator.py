@@ -87,3 +87,20 @@ def test_the_gas_spring_of_the_bottles_is_the_published_one() -> None:
     pressure = 1e5 * run.display["p_gas"][0]
     stiffness = 1.4 * pressure * (np.pi / 4 * 0.4**2) ** 2 / (6.07 + 0.56)
     assert stiffness == pytest.approx(42e3, rel=0.01)
+
+
+@pytest.mark.long
+def test_without_its_feed_forward_the_bit_lifts_off() -> None:
+    """The numbers of the page of the studies; 24 s is the greatest speed of the platform."""
+    run = hb.simulate(hb.load("cmc_ahc/modern_mru_failure"), "42 s")
+    assert abs(late(run, "crown")).max() == pytest.approx(92, rel=0.03)
+    assert 100 * (late(run, "WOB") <= 0).mean() == pytest.approx(1.6, abs=0.3)
+
+
+@pytest.mark.long
+def test_closed_valves_hold_the_crown_block_to_the_platform() -> None:
+    """The numbers of the page, 2 %: the bit lands and lifts off in each wave."""
+    run = hb.simulate(hb.load("cmc_ahc/modern_valve_failure"))
+    assert abs(late(run, "WOB") - 30).max() == pytest.approx(111, rel=0.02)
+    assert abs(late(run, "crown")).max() / 1e3 == pytest.approx(0.504, rel=0.02)
+    assert (late(run, "WOB") <= 0).mean() == pytest.approx(0.43, abs=0.01)
