@@ -104,7 +104,8 @@ def test_sentences_on_the_results() -> None:
 
 def test_sentences_on_single_results() -> None:
     """What the page says of K_p 6.15 1/m, of 7.1 kN and of 1.1 kN."""
-    wide, narrow = ({structure.name: RESULTS[box][structure.name] for structure in STRUCTURES} for box in ("wide", "data sheet"))
+    wide, narrow = ({structure.name: RESULTS[box][structure.name] for structure in STRUCTURES}
+                    for box in ("wide", "data sheet"))
 
     def met(kept: search.Kept) -> np.ndarray:
         return search.misses(np.array(kept["numbers"])) == 0
