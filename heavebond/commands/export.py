@@ -11,7 +11,7 @@ import click
 from heavebond.commands.arguments import blamed_on_settings, check_writable, json_option, set_option, with_settings
 
 if TYPE_CHECKING:
-    from heavebond.exchange.portable import Quantity
+    from heavebond.exchange.portable import Portable, Quantity
 
 SUFFIXES = (".fmu", ".c")
 
@@ -48,10 +48,26 @@ def export(model: str, output: Path, version: str, inputs: tuple[str, ...], sett
     console.print(terminal.table(made.name, ("", "name", "unit", "start"), [
         (title, q.name, q.unit.text, f"{q.start:.6g}") for title in ("inputs", "outputs") for q in groups[title]], text=3))
     console.print(", ".join(f"{len(found)} {name}" for name, found in groups.items() if found), soft_wrap=True)
-    for path, kind, other in made.assembly.flat.expanded.approximated:
-        console.print(f"{path} ({kind}) is a {other} in it: what is exported keeps no history", soft_wrap=True)
+    for note in _notes(made, output.suffix.lower() == ".fmu"):
+        console.print(note, soft_wrap=True)
     console.print(f"wrote {output}", soft_wrap=True)
     return {"model": made.name, "file": str(output), **{name.replace(" ", "_"): _listed(g) for name, g in groups.items()}}
+
+
+def _notes(made: Portable, fmu: bool) -> list[str]:
+    """What an importing program has to know of delays and of the longest step."""
+    from heavebond.core.errors import listing
+    from heavebond.numerics.output_times import largest_step_of
+
+    notes = []
+    if made.delays and fmu:
+        names = listing([d.name for d in made.delays], 3)
+        notes.append(f"{names}: the history of delayed variables is kept in co-simulation only. The FMU is not for "
+                     "model exchange; approximate the delays for that (for a Delay `m: 3`)")
+    if fmu and not made.delays and (longest := largest_step_of(made.assembly.model)):
+        notes.append(f"co-simulation makes no step longer than {longest:g} s (`largest_step`); in model exchange set this "
+                     "limit in the importing program")
+    return notes
 
 
 def _listed(quantities: Sequence[Quantity]) -> list[dict[str, object]]:

@@ -15,7 +15,9 @@ from heavebond.core.version import VERSION
 from heavebond.core.writable import write_text
 from heavebond.exchange.portable import Portable, Quantity, portable
 from heavebond.language.model import Model
-from heavebond.numerics.output_times import grid
+from heavebond.language.symbols import split, stack
+from heavebond.numerics.dae import DELAY_ROWS
+from heavebond.numerics.output_times import grid, largest_step_of
 from heavebond.numerics.validity import physical_grace
 
 SPARE = 40  # characters of a message besides its text: the time
@@ -45,10 +47,10 @@ def c_text(made: Portable, prefix: str, *, whole: bool = False) -> str:
     """The file; `whole` is for an FMU, with directional derivatives and events but without their integrator. Its functions
     must have been made with `prefix`_."""
     generator = ca.CodeGenerator(prefix, {"with_header": False, "casadi_int": "int"})
-    steps, stops, parts = not whole and bool(made.events), 0, [_source("evaluate.c")]
+    steps, stops, parts = not whole and made.integrated, 0, [_source("evaluate.c")]
     functions = [made.equations]
     if whole or steps:
-        functions += [made.directions, made.jacobian, made.happenings, made.updates, made.instants,
+        functions += [made.directions, made.jacobian, made.happenings, made.updates, made.instants, made.histories,
                       made.starting.conditions]
     elif made.stops is not None and made.stops.size1_out(0):
         stops = made.stops.size1_out(0)
@@ -63,7 +65,8 @@ def c_text(made: Portable, prefix: str, *, whole: bool = False) -> str:
         generator.add(function)
     return "\n".join([_head(made, prefix, stops, steps), "#include <stdio.h>", _used(generator.dump()),
                       *_arrays(made, prefix),
-                      *([*_event_arrays(made, prefix), *_start_arrays(made, prefix)] if whole or steps else []),
+                      *([*_event_arrays(made, prefix), *_start_arrays(made, prefix),
+                         *_delay_arrays(made, prefix)] if whole or steps else []),
                       *(_limit_arrays(made, prefix) if whole or steps or made.limited else []),
                       *(part.replace("MODEL", prefix) for part in parts)])
 
@@ -110,6 +113,8 @@ def _head(made: Portable, prefix: str, stops: int, steps: bool) -> str:
         "gives the derivatives dx = dx/dt of the states x and the outputs y at the time t; either may be a null pointer.",
         "z holds the algebraic unknowns: a first guess on entry, the solution on return (it is not looked at where there",
         "are none). It returns 0, or another number where z is not found. It keeps nothing between calls.", "",
+        *([f"Only {prefix}_advance can call it: behind the inputs, u holds {DELAY_ROWS} values of each delayed",
+           "variable, which follow from the history of the run.", ""] if made.delays else []),
         *([f"double {prefix}_next_stop(double t, const double *p)", "",
            "gives the next instant after t at which a function of time has a kink or a short motion, or INFINITY.",
            "An integrator ends a step there and begins anew, as it may pass over the motion otherwise.", ""]
@@ -123,8 +128,9 @@ def _head(made: Portable, prefix: str, stops: int, steps: bool) -> str:
            f"void {prefix}_begin(void *run, double t, const double *p)",
            f"int {prefix}_advance(void *run, double end, const double *u, double *x, double *y, char *message, size_t size)",
            "",
-           f"integrate the equations with all events. A run needs {prefix}_size() bytes of memory, aligned for double. It",
-           f"begins at the time t with the parameters p (a null pointer: {prefix}_p_start). {prefix}_advance integrates to",
+           "integrate the equations with all events and delays.",
+           f"A run needs {prefix}_size() bytes of memory, aligned for double. It begins at the time t with",
+           f"the parameters p (a null pointer: {prefix}_p_start). {prefix}_advance integrates to",
            "the time end with constant inputs u; x and y are states and outputs there. Null pointers may stand for u, x, y",
            "and message.",
            "It returns 0, or another number with a message where the run has to end. A copy of the block is a snapshot.", ""]
@@ -151,6 +157,7 @@ def _arrays(made: Portable, prefix: str) -> list[str]:
     sizes = {"x": made.states, "z": made.algebraic, "p": made.parameters, "u": made.inputs, "y": made.outputs}
     lines = ["enum { " + ", ".join(f"{prefix}_n_{letter} = {len(found)}" for letter, found in sizes.items()) + " };"]
     values = {f"{letter}_start": [q.start for q in sizes[letter]] for letter in "xzpu"}
+    values["u_start"] += [0.0] * (DELAY_ROWS * len(made.delays))
     values["x_nominal"] = [q.nominal for q in made.states]
     values["z_nominal"] = [q.nominal for q in made.algebraic]
     return [*lines, *(f"const double {prefix}_{name}[] = {{{', '.join(map(repr, numbers or [0.0]))}}};"
@@ -197,6 +204,24 @@ def _event_arrays(made: Portable, prefix: str) -> list[str]:
           for name, found in numbers.items()),
         f"static const double {prefix}_f_size[] = {{{', '.join(map(repr, made.sizes or (0.0,)))}}};",
         f"static const double {prefix}_span = {float(times[-1] - times[0]) or 1.0!r}; /* s; of the run of the diagram */"]
+
+
+def _delay_arrays(made: Portable, prefix: str) -> list[str]:
+    """Numbers, sizes and values before the start of the delayed variables; whether the equations have rates of them, whether
+    a source depends on one without a state between, and the longest step."""
+    delays, u = made.delays, made.assembly.arguments[4]
+    reduced = made.assembly.reduced
+    used = {s.element_hash() for s in ca.symvar(stack([reduced.ode, reduced.alg, reduced.unknowns()]))}
+    direct = bool(delays) and ca.depends_on(made.assembly.express(stack(d.source for d in delays)),
+                                            stack([u, made.assembly.arguments[2]]))
+    arrays: dict[str, tuple[str, Sequence[float]]] = {
+        "d_nominal": ("double", [d.nominal for d in delays]), "d_before": ("int", [d.index for d in delays]),
+        "d_rated": ("int", [int(any(s.element_hash() in used for s in split(d.symbols)[1:])) for d in delays])}
+    return [f"enum {{ {prefix}_n_d = {len(delays)}, {prefix}_n_v = {len(made.inputs) + DELAY_ROWS * len(delays)}, "
+            f"{prefix}_direct = {int(direct)} }};",
+            *(f"static const {kind} {prefix}_{name}[] = {{{', '.join(map(repr, found or [0]))}}};"
+              for name, (kind, found) in arrays.items()),
+            f"static const double {prefix}_longest = {largest_step_of(made.assembly.model)!r}; /* s; 0 for no limit */"]
 
 
 def _start_arrays(made: Portable, prefix: str) -> list[str]:

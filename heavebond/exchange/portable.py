@@ -18,7 +18,7 @@ import numpy as np
 from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, UsageError, listing, suggest
 from heavebond.core.units import Unit, declared_unit, dimension_text, read_unit, times, unit
 from heavebond.equations.events import FlatEvent, Held
-from heavebond.equations.flatten import unclocked
+from heavebond.equations.flatten import DelayedVariable, unclocked
 from heavebond.equations.reduce import reduce
 from heavebond.equations.resolver import Unknown
 from heavebond.exchange.stop_events import stop_events
@@ -27,13 +27,14 @@ from heavebond.language.model import Model
 from heavebond.language.sections import Setting
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.co_simulation import foreign_parts
-from heavebond.numerics.dae import Array, Assembly, assemble, build
+from heavebond.numerics.dae import Array, Assembly, assemble, build, measured_rows
 from heavebond.numerics.impulses import yielding
 from heavebond.numerics.initialise import Start, held_still, start
 from heavebond.numerics.inputs import pieced
 from heavebond.numerics.jumps import differentiated
 from heavebond.numerics.matrices import null_space, scaled
 from heavebond.numerics.newton import weights
+from heavebond.numerics.output_times import largest_step_of
 from heavebond.numerics.physical_limits import limited
 from heavebond.numerics.result import signal_expression
 from heavebond.numerics.simulator import Simulator
@@ -86,7 +87,9 @@ class Portable:
     events may not make jump, with `sizes`, accelerations of the contacts that may break away), `updates` (t, x, z, p, u, 1
     for each event that happens) -> new values of all resets (see `numerics.update_order`), and `instants` p -> (first
     instants, periods). `stops` is p -> the instants at which an integrator stops for functions of time; `limits`
-    (t, x, z, p, u) -> how far the variables `limited` are above their physical limits."""
+    (t, x, z, p, u) -> how far the variables `limited` are above their physical limits; `histories` (t, x, z, p, u) ->
+    (sources of the delayed variables, their delays). Behind the inputs, u has the rows of each delayed variable (see
+    `substitute_inputs`)."""
 
     assembly: Assembly
     states: tuple[Quantity, ...]
@@ -104,6 +107,7 @@ class Portable:
     sizes: tuple[float, ...]
     starting: StartConditions
     limits: ca.Function
+    histories: ca.Function
     stops: ca.Function | None = None
 
     @property
@@ -122,6 +126,16 @@ class Portable:
         return {held.index: held for held in self.assembly.flat.held}
 
     @property
+    def delays(self) -> tuple[DelayedVariable, ...]:
+        """The delayed variables, in the order of `histories`."""
+        return tuple(self.assembly.flat.delays)
+
+    @property
+    def integrated(self) -> bool:
+        """Whether an integrator belongs to the equations: for events, delays or a longest step."""
+        return bool(self.events or self.delays or largest_step_of(self.assembly.model))
+
+    @property
     def name(self) -> str:
         """The name of the diagram."""
         return self.assembly.model.name
@@ -136,8 +150,7 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
     for a diagram with FMUs in it.
     """
     wanted = list(dict.fromkeys(inputs))
-    # an export keeps no history, and the program that runs it decides when a run ends
-    assembly = assemble(replace(model, approximate=True, ends=None))
+    assembly = assemble(replace(model, ends=None))  # the program that runs it decides when a run ends
     sizes = _sizes(assembly)
     assembly, column = _opened(assembly, wanted) if wanted else (assembly, _measured(assembly))
     if parts := foreign_parts(assembly.flat):
@@ -146,7 +159,8 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
                                   "it drives as an input (`--input`).")])
     if not events and assembly.flat.events and all(event.by_clock for event in assembly.flat.events):
         assembly = build(reduce(unclocked(assembly.flat)))
-    events = events or bool(assembly.flat.events)
+    events = events or bool(
+        assembly.flat.events or assembly.flat.delays or largest_step_of(assembly.model))
     if any(event.impulse for event in assembly.flat.events) and (turned := yielding(assembly.reduced)):
         raise ModelError([Problem("export-impact", f"an impact may set off {listing(turned, 3)} at once, which an "
                                   "FMU or a C program does not look for",
@@ -176,8 +190,7 @@ def _sizes(assembly: Assembly) -> Mapping[str, float]:
 # -- inputs ----------------------------------------------------------------------------------------------------------
 def _measured(assembly: Assembly) -> Array:
     """The column of measured inputs at the start."""
-    return pieced(assembly.flat, assembly.begin, assembly.begin + AT_ONCE).at(
-        np.array([assembly.begin]))[:, 0] if assembly.flat.inputs else np.zeros(0)
+    return pieced(assembly.flat, assembly.begin, assembly.begin + AT_ONCE).at(np.array([assembly.begin]))[:, 0]
 
 
 def _opened(before: Assembly, wanted: list[str]) -> tuple[Assembly, Array]:
@@ -200,7 +213,7 @@ def _column(before: Assembly, after: Assembly) -> Array:
     """(t, c0..c3 of each input) at the start: the values that the diagram gave the inputs there, and their rates."""
     measured = _measured(before)
     first = start(before, None, measured)
-    column = np.zeros(1 + 4 * len(after.flat.inputs))
+    column = np.zeros(after.arguments[4].numel())
     column[0] = before.begin
     t, x, z, _, _, rate = before.arguments
     for k, known in enumerate(after.flat.inputs):
@@ -222,19 +235,23 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
     outputs = stack([signal_expression(assembly, n) for n in shown])
     jacobian = ca.densify(ca.jacobian(assembly.alg, z)).T if z.numel() else ca.SX(0, 0)
     symbols = [ca.SX.sym("u", 4) for _ in flat.inputs]
-    given = stack([t, *(s / ca.SX(ca.DM([1, 1, 2, 6])) for s in symbols)])  # c_k = u^(k) / k!
+    rows = measured_rows(flat)
+    delayed = pieces[rows:]
+    measured = [t, *(s / ca.SX(ca.DM([1, 1, 2, 6])) for s in symbols)] if flat.inputs else []  # c_k = u^(k) / k!
+    given = stack([*measured, delayed])
     followed = differentiated(assembly)
     happenings = [assembly.express(stack(found)) for found in (
         [e.indicator for e in flat.events if e.indicator is not None], [flat.levels[0][j] for j in followed],
         [flat.levels[1][e.breakaway.speed] for e in flat.events if e.breakaway],
         [flat.levels[0][flat.names[u.name]] - u.plausible.least for u in limited(assembly).unknowns])]
     updates = assembly.update_order.at(first.p)
-    right = ca.substitute([assembly.ode, outputs, assembly.alg, ca.vec(jacobian), *happenings, updates.values],
-                          [pieces, rate], [given if flat.inputs else pieces, ca.SX(1)])
+    sources = assembly.express(stack(d.source for d in flat.delays))
+    right = ca.substitute([assembly.ode, outputs, assembly.alg, ca.vec(jacobian), *happenings, updates.values, sources],
+                          [pieces, rate], [given, ca.SX(1)])
     used = {s.element_hash() for side in right for s in ca.symvar(side)}
     kept = [(k, order) for k, s in enumerate(symbols) for order, one in enumerate(split(s))
             if order == 0 or one.element_hash() in used]
-    u = stack([symbols[k][order] for k, order in kept])
+    u = stack([*(symbols[k][order] for k, order in kept), delayed])
     equations = ca.Function(f"{prefix}equations", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[:4]]))
     happening = ca.Function(f"{prefix}happenings", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[4:7]]))
     limits = ca.Function(f"{prefix}limits", [t, x, z, p, u], ca.cse([ca.densify(right[7])]))
@@ -252,13 +269,16 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
     instants = ca.Function(f"{prefix}instants", [p], [ca.densify(assembly.express(stack(
         ca.SX(0) if e is None else e for e in found))) for found in (
             [event.first for event in flat.events], [event.period for event in flat.events])])
+    histories = ca.Function(f"{prefix}histories", [t, x, z, p, u], ca.cse([
+        ca.densify(right[9]), ca.densify(assembly.express(stack(d.delay for d in flat.delays)))]))
     starting = _start_conditions(assembly, first, column, symbols, u, f"{prefix}starting")
     return Portable(assembly, _columns(assembly, assembly.reduced.states, first.x, assembly.x_nominal),
                     _columns(assembly, assembly.reduced.algebraic, first.z, assembly.z_nominal),
                     _parameters(assembly, first), tuple(not q.name.startswith(DERIVED) for q in flat.parameters),
                     tuple(_input(assembly, k, order, column) for k, order in kept),
                     tuple(_outputs(assembly, shown, outputs, first, column)), equations, directions, by_all,
-                    happening, updated, instants, tuple(float(flat.unknowns[j].nominal) for j in followed), starting, limits)
+                    happening, updated, instants, tuple(float(flat.unknowns[j].nominal) for j in followed), starting, limits,
+                    histories)
 
 
 def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: list[ca.SX], u: ca.SX, label: str
@@ -271,9 +291,9 @@ def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: 
     guesses = equations.guess.columns([(j, order) for j, order in (*assembly.reduced.states, *assembly.reduced.algebraic)])
     sides = [whole.residuals, whole.slopes, *((aims.residuals, aims.slopes) if aims else (ca.SX(0, 1), ca.SX(0, 1)))]
     orders = ca.SX(ca.DM([1, 0, 0, 0] if equations.steady else [1, 1, 1 / 2, 1 / 6]))  # c_k = u^(k) / k!
-    given = stack([t, *(s * orders for s in symbols)])
+    given = stack([*([t, *(s * orders for s in symbols)] if flat.inputs else []), pieces[measured_rows(flat):]])
     sides = ca.substitute([*sides, guesses], [pieces, rate],
-                          [given if flat.inputs else pieces, ca.SX(0 if equations.steady else 1)])
+                          [given, ca.SX(0 if equations.steady else 1)])
     used = {s.element_hash() for side in sides for s in ca.symvar(side)}
     fixed = {*equations.solved_for, *(held.index for held in flat.held)}
     by_parameters = tuple(s.element_hash() in used and k not in fixed and not name.startswith(DERIVED)
