@@ -10,8 +10,10 @@ import pytest
 
 import heavebond as hb
 from benchmarks import sampled
+from heavebond.language.symbols import stack
 from heavebond.numerics import event_integration
 from heavebond.numerics.machine_code import compiler
+from heavebond.numerics.simulator import Simulator
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 
@@ -139,3 +141,18 @@ def test_the_loop_of_the_benchmark_is_its_plant_with_the_recorded_command(tmp_pa
     sides = sampled.prepared(tmp_path, "3 s")
     sides.check()
     assert hb.simulate(sides.loop).statistics["compiled_intervals"] > 2900
+
+
+def test_integrals_and_their_sensitivities_along_samples(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "loop.yaml").write_text(LOOPS["plain"], encoding="utf-8")
+    assembly, found = hb.assemble(tmp_path / "loop.yaml"), []
+    time, x = assembly.arguments[0], assembly.arguments[1]
+    for least in (1, 10**9):
+        monkeypatch.setattr(event_integration, "SAMPLED_RUNS", replace(event_integration.SAMPLED_RUNS, least=least))
+        found.append(Simulator(assembly, quadratures=stack([x[0]**2, time*x[2]]), sensitivities=["K", "b.T_1"]).run())
+    quick, plain = found
+    assert quick.statistics["compiled_intervals"] > 250
+    assert quick.along is not None and plain.along is not None
+    assert quick.quadratures == pytest.approx(plain.quadratures, abs=AGREE * np.abs(plain.quadratures).max())
+    for ours, theirs in ((quick.along.x, plain.along.x), (quick.along.quadratures, plain.along.quadratures)):
+        assert ours == pytest.approx(theirs, abs=10 * AGREE * np.abs(theirs).max())

@@ -179,8 +179,9 @@ class Record:
     def __init__(self, first: EventState, stops: Array, same: float, dense: bool = False):
         """With `dense` the points between the stops and before events are kept as well."""
         n = len(stops)
-        self.points: list[tuple[Frame, Array, Array, Array, Array, Array]] | None = [] if dense else None
-        self.first = first
+        # frame, times, y and z, then p and dp of the first point and those of the held variables at all of them
+        self.points: list[tuple[Frame, Array, Array, Array, Array, Array, Array, Array]] | None = [] if dense else None
+        self.first, self.held = first, [h.index for h in first.frame.assembly.flat.held]
         self.stops, self.same, self.home = stops, same, first.frame
         self.y, self.p, self.dp = np.zeros((len(first.y), n)), np.zeros((len(first.p), n)), np.zeros((*first.dp.shape, n))
         self.frames: list[Frame] = [first.frame]
@@ -215,13 +216,13 @@ class Record:
     def keep(self, now: EventState, times: Array, y: Array, z: Array) -> None:
         """Keep points between the stops, where these are asked for."""
         if self.points is not None:
-            self.points.append((now.frame, times, y, z, now.p[:, None], now.dp[:, :, None]))
+            self.points.append((now.frame, times, y, z, now.p, now.dp, now.p[self.held, None], now.dp[self.held, :, None]))
 
     def keep_many(self, frame: Frame, times: Array, y: Array, z: Array, p: Array, dp: Array) -> None:
         """Record points at times (n,), those among them that are stops and, where these are asked for, those between; y, z,
         p and dp (., n) at each."""
         if self.points is not None:
-            self.points.append((frame, times, y, z, p, dp))
+            self.points.append((frame, times, y, z, p[:, 0].copy(), dp[:, :, 0].copy(), p[self.held], dp[self.held]))
         stop = np.searchsorted(self.stops, times - self.same)
         which = np.flatnonzero(np.abs(self.stops.take(stop, mode="clip") - times) <= self.same)
         # of several at one time the last is that after its events
@@ -257,11 +258,12 @@ class Record:
         assert self.points is not None
         times = np.concatenate([at for _, at, *_ in self.points])
         whole, begin = Record(self.first, times, self.same), 0
-        for frame, at, y, z, p, dp in self.points:
+        for frame, at, y, z, p, dp, held, held_along in self.points:
             chosen, begin = slice(begin, begin + len(at)), begin + len(at)
             number = whole._number(frame)
             whole.frame[chosen], whole.y[:, chosen], whole.z[number][:, chosen] = number, y, z
-            whole.p[:, chosen], whole.dp[:, :, chosen] = p, dp
+            whole.p[:, chosen], whole.dp[:, :, chosen] = p[:, None], dp[:, :, None]
+            whole.p[self.held, chosen], whole.dp[self.held, :, chosen] = held, held_along
         whole.instants, whole.steps = self.instants, self.steps
         return times, whole.trace(integrals, inputs(times)), None
 
@@ -275,7 +277,7 @@ class Record:
             if not stay.at.any():  # entered and left between two stops
                 continue
             x[:, stay.at], z[:, stay.at] = self._at_home(number, stay, u)
-        held = [h.index for h in self.home.assembly.flat.held]
+        held = self.held
         statistics: dict[str, object] = {"nsteps": self.steps}
         if self.changes:
             statistics["state_changes"] = [vars(change) for change in self.changes]
