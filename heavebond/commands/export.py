@@ -11,7 +11,7 @@ import click
 from heavebond.commands.arguments import blamed_on_settings, check_writable, json_option, set_option, with_settings
 
 if TYPE_CHECKING:
-    from heavebond.exchange.portable import Quantity
+    from heavebond.exchange.portable import Portable, Quantity
 
 SUFFIXES = (".fmu", ".c")
 
@@ -50,11 +50,27 @@ def export(model: str, output: Path, version: str, inputs: tuple[str, ...], sett
     console.print(terminal.table(exported.name, ("", "name", "unit", "start"), [
         (title, q.name, q.unit.text, f"{q.start:.6g}") for title in ("inputs", "outputs") for q in groups[title]], text=3))
     console.print(", ".join(f"{len(members)} {name}" for name, members in groups.items() if members), soft_wrap=True)
-    for path, kind, replacement in exported.assembly.flat.expanded.approximated:
-        console.print(f"{path} ({kind}) is a {replacement}: exported models keep no history", soft_wrap=True)
+    for note in _notes(exported, output.suffix.lower() == ".fmu"):
+        console.print(note, soft_wrap=True)
     console.print(f"wrote {output}", soft_wrap=True)
     return {"model": exported.name, "file": str(output),
             **{name.replace(" ", "_"): _listed(g) for name, g in groups.items()}}
+
+
+def _notes(exported: Portable, fmu: bool) -> list[str]:
+    """Limits of the export for an importing program: delays and the longest step."""
+    from heavebond.core.errors import listing
+    from heavebond.numerics.output_times import largest_step_of
+
+    notes = []
+    if exported.delays and fmu:
+        names = listing([d.name for d in exported.delays], 3)
+        notes.append(f"{names}: the history of delayed variables is kept in co-simulation only. The FMU is not for "
+                     "model exchange; approximate the delays for that (for a Delay `m: 3`)")
+    if fmu and not exported.delays and (longest := largest_step_of(exported.assembly.model)):
+        notes.append(f"co-simulation makes no step longer than {longest:g} s (`largest_step`); in model exchange set this "
+                     "limit in the importing program")
+    return notes
 
 
 def _listed(quantities: Sequence[Quantity]) -> list[dict[str, object]]:

@@ -15,7 +15,9 @@ from heavebond.core.version import VERSION
 from heavebond.core.writable import write_text
 from heavebond.exchange.portable import Portable, Quantity, portable
 from heavebond.language.model import Model
-from heavebond.numerics.output_times import grid
+from heavebond.language.symbols import split, stack
+from heavebond.numerics.dae import DELAY_ROWS
+from heavebond.numerics.output_times import grid, largest_step_of
 from heavebond.numerics.validity import physical_grace
 
 SPARE = 40  # characters of a message in addition to its text: the time
@@ -45,11 +47,11 @@ def c_text(exported: Portable, prefix: str, *, whole: bool = False) -> str:
     """The text of the file; `whole` is for an FMU, with directional derivatives and events but without their integrator.
     Its functions must have been built with `prefix`_."""
     generator = ca.CodeGenerator(prefix, {"with_header": False, "casadi_int": "int"})
-    steps, stops, parts = not whole and bool(exported.events), 0, [_source("evaluate.c")]
+    steps, stops, parts = not whole and exported.integrated, 0, [_source("evaluate.c")]
     functions = [exported.equations]
     if whole or steps:
         functions += [exported.directions, exported.jacobian, exported.happenings, exported.updates, exported.instants,
-                      exported.starting.conditions]
+                      exported.histories, exported.starting.conditions]
     elif exported.stops is not None and exported.stops.size1_out(0):
         stops = exported.stops.size1_out(0)
         functions.append(exported.stops)
@@ -63,7 +65,8 @@ def c_text(exported: Portable, prefix: str, *, whole: bool = False) -> str:
         generator.add(function)
     return "\n".join([_head(exported, prefix, stops, steps), "#include <stdio.h>", _used(generator.dump()),
                       *_arrays(exported, prefix),
-                      *([*_event_arrays(exported, prefix), *_start_arrays(exported, prefix)] if whole or steps else []),
+                      *([*_event_arrays(exported, prefix), *_start_arrays(exported, prefix),
+                         *_delay_arrays(exported, prefix)] if whole or steps else []),
                       *(_limit_arrays(exported, prefix) if whole or steps or exported.limited else []),
                       *(part.replace("MODEL", prefix) for part in parts)])
 
@@ -110,6 +113,8 @@ def _head(exported: Portable, prefix: str, stops: int, steps: bool) -> str:
         "gives the derivatives dx = dx/dt of the states x and the outputs y at the time t; either may be a null pointer.",
         "z holds the algebraic unknowns: a first guess on entry, the solution on return (it is ignored if there",
         "are none). It returns 0, or another number if z was not found. It has no memory between calls.", "",
+        *([f"Only {prefix}_advance can call it: after the inputs, u holds {DELAY_ROWS} values of each delayed",
+           "variable, which follow from the history of the run.", ""] if exported.delays else []),
         *([f"double {prefix}_next_stop(double t, const double *p)", "",
            "gives the next instant after t at which a function of time has a kink or a fast transition, or INFINITY.",
            "An integrator must end a step there and restart, because it may skip the transition otherwise.", ""]
@@ -123,10 +128,11 @@ def _head(exported: Portable, prefix: str, stops: int, steps: bool) -> str:
            f"void {prefix}_begin(void *run, double t, const double *p)",
            f"int {prefix}_advance(void *run, double end, const double *u, double *x, double *y, char *message, size_t size)",
            "",
-           f"integrate the equations with all events. A run needs {prefix}_size() bytes of memory, aligned for double. It",
-           f"begins at the time t with the parameters p (a null pointer: {prefix}_p_start). {prefix}_advance integrates to",
-           "the time end with constant inputs u; x and y are states and outputs there. Null pointers are permitted",
-           "for u, x, y and message.",
+           "integrate the equations with all events and delays.",
+           f"A run needs {prefix}_size() bytes of memory, aligned for double. It begins at the time t with",
+           f"the parameters p (a null pointer: {prefix}_p_start). {prefix}_advance integrates to",
+           "the time end with constant inputs u; x and y are states and outputs there. Null pointers are permitted for",
+           "u, x, y and message.",
            "It returns 0, or another number with a message if the run has to end. A copy of the block is a snapshot.", ""]
           if steps else []),
         f"All is in SI but y. {prefix}_x_start, {prefix}_z_start, {prefix}_p_start and {prefix}_u_start hold the values",
@@ -153,6 +159,7 @@ def _arrays(exported: Portable, prefix: str) -> list[str]:
              "y": exported.outputs}
     lines = ["enum { " + ", ".join(f"{prefix}_n_{letter} = {len(found)}" for letter, found in sizes.items()) + " };"]
     values = {f"{letter}_start": [q.start for q in sizes[letter]] for letter in "xzpu"}
+    values["u_start"] += [0.0] * (DELAY_ROWS * len(exported.delays))
     values["x_nominal"] = [q.nominal for q in exported.states]
     values["z_nominal"] = [q.nominal for q in exported.algebraic]
     return [*lines, *(f"const double {prefix}_{name}[] = {{{', '.join(map(repr, numbers or [0.0]))}}};"
@@ -202,6 +209,24 @@ def _event_arrays(exported: Portable, prefix: str) -> list[str]:
           for name, values in numbers.items()),
         f"static const double {prefix}_f_size[] = {{{', '.join(map(repr, exported.sizes or (0.0,)))}}};",
         f"static const double {prefix}_span = {float(times[-1] - times[0]) or 1.0!r}; /* s; of the run of the diagram */"]
+
+
+def _delay_arrays(exported: Portable, prefix: str) -> list[str]:
+    """Numbers, sizes and values before the start of the delayed variables; whether the equations have rates of them, whether
+    a source depends on one without a state between, and the longest step."""
+    delays, u = exported.delays, exported.assembly.arguments[4]
+    reduced = exported.assembly.reduced
+    used = {s.element_hash() for s in ca.symvar(stack([reduced.ode, reduced.alg, reduced.unknowns()]))}
+    direct = bool(delays) and ca.depends_on(exported.assembly.express(stack(d.source for d in delays)),
+                                            stack([u, exported.assembly.arguments[2]]))
+    arrays: dict[str, tuple[str, Sequence[float]]] = {
+        "d_nominal": ("double", [d.nominal for d in delays]), "d_before": ("int", [d.index for d in delays]),
+        "d_rated": ("int", [int(any(s.element_hash() in used for s in split(d.symbols)[1:])) for d in delays])}
+    return [f"enum {{ {prefix}_n_d = {len(delays)}, {prefix}_n_v = {len(exported.inputs) + DELAY_ROWS * len(delays)}, "
+            f"{prefix}_direct = {int(direct)} }};",
+            *(f"static const {kind} {prefix}_{name}[] = {{{', '.join(map(repr, numbers or [0]))}}};"
+              for name, (kind, numbers) in arrays.items()),
+            f"static const double {prefix}_longest = {largest_step_of(exported.assembly.model)!r}; /* s; 0 for no limit */"]
 
 
 def _start_arrays(exported: Portable, prefix: str) -> list[str]:

@@ -83,7 +83,7 @@ def platform_of(version: int = 3) -> tuple[str, str]:
 
 def _wrappers(version: int) -> dict[str, str]:
     """The sources in addition to model.c; the first includes the others."""
-    names = (f"fmi{version}.c", "fmu_core.c", "run.c", "fmu_start.c", "fmu_events.c", "rosenbrock.c")
+    names = (f"fmi{version}.c", "fmu_core.c", "run.c", "fmu_start.c", "fmu_events.c", "history.c", "rosenbrock.c")
     return {name: (SOURCES / name).read_text(encoding="utf-8") for name in names}
 
 

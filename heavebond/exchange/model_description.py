@@ -31,7 +31,7 @@ def description(exported: Portable, identifier: str, token: str, version: int = 
         "variableNamingConvention": "structured" if structured else "flat",
         **({"numberOfEventIndicators": str(len(_conditions(exported)))} if version == 2 else {}),
         **({"description": summary} if (summary := exported.assembly.model.summary) else {})})
-    (_kinds_3 if version == 3 else _kinds_2)(root, identifier)
+    (_kinds_3 if version == 3 else _kinds_2)(root, identifier, not exported.delays)
     quantities = [q for group in (exported.states, exported.parameters, exported.inputs, exported.outputs) for q in group]
     rates = [_rate(q) for q in exported.states]
     _units(root, [*(q.unit for q in quantities), *(unit for _, unit in rates)])
@@ -40,18 +40,21 @@ def description(exported: Portable, identifier: str, token: str, version: int = 
     return xml_bytes(root)
 
 
-def _kinds_3(root: Xml.Element, identifier: str) -> None:
+def _kinds_3(root: Xml.Element, identifier: str, exchange: bool) -> None:
+    """Co-simulation, and model exchange unless an importing integrator would have to keep the history of delays."""
     shared = {"modelIdentifier": identifier, "canGetAndSetFMUState": "true", "providesDirectionalDerivatives": "true"}
     shared["canSerializeFMUState"] = "true"
-    Xml.SubElement(root, "ModelExchange", {**shared, "needsCompletedIntegratorStep": "true"})  # which tests physical limits
+    if exchange:  # a completed step tests physical limits
+        Xml.SubElement(root, "ModelExchange", {**shared, "needsCompletedIntegratorStep": "true"})
     Xml.SubElement(root, "CoSimulation", {**shared, "canHandleVariableCommunicationStepSize": "true",
                                           "hasEventMode": "true"})
 
 
-def _kinds_2(root: Xml.Element, identifier: str) -> None:
+def _kinds_2(root: Xml.Element, identifier: str, exchange: bool) -> None:
     shared = {"modelIdentifier": identifier, "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true",
               "providesDirectionalDerivative": "true"}
-    for kind, more in (("ModelExchange", {}), ("CoSimulation", {"canHandleVariableCommunicationStepSize": "true"})):
+    kinds = [("ModelExchange", dict[str, str]())] if exchange else []
+    for kind, more in (*kinds, ("CoSimulation", {"canHandleVariableCommunicationStepSize": "true"})):
         element = Xml.SubElement(root, kind, {**shared, **more})
         Xml.SubElement(Xml.SubElement(element, "SourceFiles"), "File", {"name": "fmi2.c"})  # which includes the others
 

@@ -19,7 +19,7 @@ import numpy as np
 from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, UsageError, listing, suggest
 from heavebond.core.units import Unit, declared_unit, dimension_text, read_unit, times, unit
 from heavebond.equations.events import FlatEvent, Held
-from heavebond.equations.flatten import unclocked
+from heavebond.equations.flatten import DelayedVariable, unclocked
 from heavebond.equations.reduce import reduce
 from heavebond.equations.resolver import Unknown
 from heavebond.equations.time_conditions import NEVER
@@ -28,7 +28,7 @@ from heavebond.language.model import Model
 from heavebond.language.sections import Setting
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.co_simulation import foreign_parts
-from heavebond.numerics.dae import Array, Assembly, assemble, build
+from heavebond.numerics.dae import Array, Assembly, assemble, build, measured_rows
 from heavebond.numerics.forcing import Forcing, switch_arguments
 from heavebond.numerics.impulses import yielding
 from heavebond.numerics.initialise import Start, held_still, start
@@ -36,7 +36,7 @@ from heavebond.numerics.inputs import pieced
 from heavebond.numerics.jumps import differentiated
 from heavebond.numerics.matrices import null_space, scaled
 from heavebond.numerics.newton import weights
-from heavebond.numerics.output_times import grid
+from heavebond.numerics.output_times import grid, largest_step_of
 from heavebond.numerics.physical_limits import limited
 from heavebond.numerics.result import signal_expression
 from heavebond.numerics.simulator import Simulator
@@ -93,7 +93,9 @@ class Portable:
     differentiate and that must not jump at events, with `sizes`, accelerations of the contacts that may break away),
     `updates` (t, x, z, p, u, 1 for each active event) -> new values of all resets (see `numerics.update_order`), and
     `instants` p -> (first instants, periods). `stops` is p -> the instants at which an integrator stops for functions of
-    time; `limits` (t, x, z, p, u) -> the distance of the variables `limited` from their physical limits."""
+    time; `limits` (t, x, z, p, u) -> the distance of the variables `limited` from their physical limits; `histories`
+    (t, x, z, p, u) -> (sources of the delayed variables, their delays). After the inputs, u has the rows of each delayed
+    variable (see `substitute_inputs`)."""
 
     assembly: Assembly
     states: tuple[Quantity, ...]
@@ -111,6 +113,7 @@ class Portable:
     sizes: tuple[float, ...]
     starting: StartConditions
     limits: ca.Function
+    histories: ca.Function
     stops: ca.Function | None = None
 
     @property
@@ -129,6 +132,16 @@ class Portable:
         return {held.index: held for held in self.assembly.flat.held}
 
     @property
+    def delays(self) -> tuple[DelayedVariable, ...]:
+        """The delayed variables, in the order of `histories`."""
+        return tuple(self.assembly.flat.delays)
+
+    @property
+    def integrated(self) -> bool:
+        """Whether an integrator belongs to the equations: for events, delays or a longest step."""
+        return bool(self.events or self.delays or largest_step_of(self.assembly.model))
+
+    @property
     def name(self) -> str:
         """The name of the diagram."""
         return self.assembly.model.name
@@ -143,8 +156,7 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
     a diagram with FMUs.
     """
     wanted = list(dict.fromkeys(inputs))
-    # an export keeps no history, and the program that runs it decides the end of a run
-    assembly = assemble(replace(model, approximate=True, ends=None))
+    assembly = assemble(replace(model, ends=None))  # the program that runs it decides the end of a run
     sizes = _sizes(assembly)
     assembly, column = _opened(assembly, wanted) if wanted else (assembly, _measured(assembly))
     if parts := foreign_parts(assembly.flat):
@@ -154,7 +166,7 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
                                                                                           "(`--input`).")])
     if not events and assembly.flat.events and all(event.by_clock for event in assembly.flat.events):
         assembly = build(reduce(unclocked(assembly.flat)))
-    events = events or bool(assembly.flat.events)
+    events = events or bool(assembly.flat.events or assembly.flat.delays or largest_step_of(assembly.model))
     for clock in assembly.model.clocks.values():
         raise ModelError([Problem("export-clock", f"an export has regular clocks; {clock.text}", clock.place,
                                   "Export a variant without `clocks:`, or let the importing program make the jitter.")])
@@ -187,8 +199,7 @@ def _sizes(assembly: Assembly) -> Mapping[str, float]:
 # -- inputs ----------------------------------------------------------------------------------------------------------
 def _measured(assembly: Assembly) -> Array:
     """The column of measured inputs at the start."""
-    return pieced(assembly.flat, assembly.begin, assembly.begin + AT_ONCE).at(
-        np.array([assembly.begin]))[:, 0] if assembly.flat.inputs else np.zeros(0)
+    return pieced(assembly.flat, assembly.begin, assembly.begin + AT_ONCE).at(np.array([assembly.begin]))[:, 0]
 
 
 def _opened(before: Assembly, wanted: list[str]) -> tuple[Assembly, Array]:
@@ -211,7 +222,7 @@ def _column(before: Assembly, after: Assembly) -> Array:
     """(t, c0..c3 of each input) at the start: the values of the inputs in the diagram, and their rates."""
     measured = _measured(before)
     first = start(before, None, measured)
-    column = np.zeros(1 + 4 * len(after.flat.inputs))
+    column = np.zeros(after.arguments[4].numel())
     column[0] = before.begin
     t, x, z, _, _, rate = before.arguments
     for k, known in enumerate(after.flat.inputs):
@@ -233,19 +244,23 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
     outputs = stack([signal_expression(assembly, n) for n in output_names])
     jacobian = ca.densify(ca.jacobian(assembly.alg, z)).T if z.numel() else ca.SX(0, 0)
     symbols = [ca.SX.sym("u", 4) for _ in flat.inputs]
-    inputs_with_rates = stack([t, *(s / ca.SX(ca.DM([1, 1, 2, 6])) for s in symbols)])  # c_k = u^(k) / k!
+    rows = measured_rows(flat)
+    delayed = pieces[rows:]
+    measured = [t, *(s / ca.SX(ca.DM([1, 1, 2, 6])) for s in symbols)] if flat.inputs else []  # c_k = u^(k) / k!
+    inputs_with_rates = stack([*measured, delayed])
     followed = differentiated(assembly)
     happenings = [assembly.express(stack(group)) for group in (
         [e.indicator for e in flat.events if e.indicator is not None], [flat.levels[0][j] for j in followed],
         [flat.levels[1][e.breakaway.speed] for e in flat.events if e.breakaway],
         [flat.levels[0][flat.names[u.name]] - u.plausible.least for u in limited(assembly).unknowns])]
     updates = assembly.update_order.at(first.p)
-    right = ca.substitute([assembly.ode, outputs, assembly.alg, ca.vec(jacobian), *happenings, updates.values],
-                          [pieces, rate], [inputs_with_rates if flat.inputs else pieces, ca.SX(1)])
+    sources = assembly.express(stack(d.source for d in flat.delays))
+    right = ca.substitute([assembly.ode, outputs, assembly.alg, ca.vec(jacobian), *happenings, updates.values, sources],
+                          [pieces, rate], [inputs_with_rates, ca.SX(1)])
     used = {s.element_hash() for side in right for s in ca.symvar(side)}
     kept_inputs = [(k, order) for k, s in enumerate(symbols) for order, one in enumerate(split(s))
                    if order == 0 or one.element_hash() in used]
-    u = stack([symbols[k][order] for k, order in kept_inputs])
+    u = stack([*(symbols[k][order] for k, order in kept_inputs), delayed])
     equations = ca.Function(f"{prefix}equations", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[:4]]))
     happening = ca.Function(f"{prefix}happenings", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[4:7]]))
     limits = ca.Function(f"{prefix}limits", [t, x, z, p, u], ca.cse([ca.densify(right[7])]))
@@ -263,13 +278,16 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
     instants = ca.Function(f"{prefix}instants", [p], [ca.densify(assembly.express(stack(
         ca.SX(0) if e is None else e for e in group))) for group in (
             [event.first for event in flat.events], [event.period for event in flat.events])])
+    histories = ca.Function(f"{prefix}histories", [t, x, z, p, u], ca.cse([
+        ca.densify(right[9]), ca.densify(assembly.express(stack(d.delay for d in flat.delays)))]))
     starting = _start_conditions(assembly, first, column, symbols, u, f"{prefix}starting")
     return Portable(assembly, _columns(assembly, assembly.reduced.states, first.x, assembly.x_nominal),
                     _columns(assembly, assembly.reduced.algebraic, first.z, assembly.z_nominal),
                     _parameters(assembly, first), tuple(not q.name.startswith(DERIVED) for q in flat.parameters),
                     tuple(_input(assembly, k, order, column) for k, order in kept_inputs),
                     tuple(_outputs(assembly, output_names, outputs, first, column)), equations, directions, by_all,
-                    happening, updated, instants, tuple(float(flat.unknowns[j].nominal) for j in followed), starting, limits)
+                    happening, updated, instants, tuple(float(flat.unknowns[j].nominal) for j in followed), starting, limits,
+                    histories)
 
 
 def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: list[ca.SX], u: ca.SX, label: str
@@ -282,9 +300,9 @@ def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: 
     guesses = equations.guess.columns([(j, order) for j, order in (*assembly.reduced.states, *assembly.reduced.algebraic)])
     sides = [whole.residuals, whole.slopes, *((aims.residuals, aims.slopes) if aims else (ca.SX(0, 1), ca.SX(0, 1)))]
     orders = ca.SX(ca.DM([1, 0, 0, 0] if equations.steady else [1, 1, 1 / 2, 1 / 6]))  # c_k = u^(k) / k!
-    inputs_with_rates = stack([t, *(s * orders for s in symbols)])
+    inputs_with_rates = stack([*([t, *(s * orders for s in symbols)] if flat.inputs else []), pieces[measured_rows(flat):]])
     sides = ca.substitute([*sides, guesses], [pieces, rate],
-                          [inputs_with_rates if flat.inputs else pieces, ca.SX(0 if equations.steady else 1)])
+                          [inputs_with_rates, ca.SX(0 if equations.steady else 1)])
     used = {s.element_hash() for side in sides for s in ca.symvar(side)}
     fixed = {*equations.solved_for, *(held.index for held in flat.held)}
     by_parameters = tuple(s.element_hash() in used and k not in fixed and not name.startswith(DERIVED)

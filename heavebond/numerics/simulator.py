@@ -44,8 +44,19 @@ from heavebond.numerics.looks import Looks
 from heavebond.numerics.output_times import DENSE_POINTS, Time, grid, largest_step_of, refined
 from heavebond.numerics.physical_limits import WATCHED, check_limits, limited
 from heavebond.numerics.result import ForwardSensitivities, Result, Settle, Stayed
+from heavebond.numerics.sampled_integration import SampledIntegration, sampled_integration
 from heavebond.numerics.sizes import SIZES, far_below, fitting_sizes
-from heavebond.numerics.solvers import DEFAULT, RETYPE, Choice, Explicit, Integrator, algebraic_left, chosen, integrator
+from heavebond.numerics.solvers import (
+    AUTO,
+    DEFAULT,
+    RETYPE,
+    Choice,
+    Explicit,
+    Integrator,
+    algebraic_left,
+    chosen,
+    integrator,
+)
 from heavebond.numerics.start_equations import Point, StartEquations
 from heavebond.numerics.time_events import clocks_at, same_instant
 from heavebond.numerics.time_search import rounding
@@ -92,6 +103,7 @@ class Simulator:
         self.charts = charts = StateChoices(assembly)
         self.dense = dense and self._may_be_dense
         self.solver: Choice = chosen(solver, assembly, charts.needed)
+        self.asked = solver not in (None, AUTO)  # for a solver by its name
         self._felt, self.longest, self.kinks, self.unknown_forcing = None, 0.0, np.zeros(0), ()
         self._place_stops()
         self._limit_steps(assembly.p)
@@ -194,8 +206,14 @@ class Simulator:
                 else EVENTS.steps_ahead if len(looks.times) > 1 else EVENTS.steps_between
             return integrator(name, made, looks.grid, tolerances, most)
 
+        def sampled() -> SampledIntegration | None:
+            return sampled_integration(
+                self.assembly, len(self.sensitivities), self._moving(self.assembly), self.quadratures, self.factors,
+                self.begin, tolerances, EVENTS.steps_between, self.integrand.longest, self.dense,
+                same_instant(float(self.stops[0]), float(self.stops[-1])))
+
         return EventIntegration(charts, self._framed, self.integrals, self.stops, self.inputs, build, self.solver.name,
-                                changes, self.dense, self.kinks, delays)
+                                changes, self.dense, self.kinks, delays, None if self.asked else sampled)
 
     @cached_property
     def integrand(self) -> Integrand:
