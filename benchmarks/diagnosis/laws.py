@@ -1,9 +1,11 @@
-"""Thirteen machines whose hidden law is not in the catalogue, and the measure of a formula for it.
+"""Thirteen machines whose hidden law is not in the catalogue, and the formula that `heavebond laws` finds for it.
 
 The laws are taken from handbooks: two depend on two variables, two have memory, three are periodic. The records carry
 noise; some machines have clutter, that is a small effect that is not declared, or a quantised channel. Each runs as
 
-    python -m benchmarks.diagnosis.laws cogging --write DIR write diagram, records and experiment
+    python -m benchmarks.diagnosis.laws                     machines that have no result yet
+    python -m benchmarks.diagnosis.laws cogging magnet      these machines
+    python -m benchmarks.diagnosis.laws cogging --write DIR write diagram, records and experiment; no search
 
 A formula is right if it differs from the law by at most 5 % over the motion of the fitted record, and by at most 20 % over
 1.3 times that motion (rms of the difference over the rms of the law). The simplest of the formulas that the records cannot
@@ -13,6 +15,8 @@ distinguish is counted.
 from __future__ import annotations
 
 import argparse
+import tempfile
+import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,10 +25,13 @@ import numpy as np
 import pandas as pd
 from scipy.integrate import solve_ivp
 
+import heavebond as hb
+from benchmarks.diagnosis import keeping
 from benchmarks.diagnosis.beds import Bed, Channel, Effect, Input, waves, write
 from heavebond.numerics.dae import Array
 
 NEAR, BEYOND, WIDER = 0.05, 0.20, 1.3  # largest relative rms differences, and how much wider the motion is for the second
+RESULTS = "laws"
 Values = Mapping[str, Array]
 
 
@@ -239,6 +246,17 @@ LAWS = {law.bed.name: law for law in (COGGING, HARMONICS, RIPPLE, MAGNET, RUBBER
                                       SQUEEZE, LAGGED, NORTON)}
 
 
+def differences(law: HiddenLaw, found: hb.FoundLaw, motion: Values, time: Array) -> tuple[float, float]:
+    """The relative rms difference of a formula over a motion (SI), and over one that is WIDER about its centre."""
+    def difference(values: Values) -> float:
+        true = law.value(values, time)
+        said = found.value({law.variables[name]: column for name, column in values.items()}, time)
+        return float(np.sqrt(np.mean((said - true)**2) / np.mean(true**2)))
+
+    wider = {name: (c := (v.min() + v.max()) / 2) + WIDER * (v - c) for name, v in motion.items()}
+    return difference(motion), difference(wider)
+
+
 def motion_of(law: HiddenLaw, file: Path) -> tuple[Values, Array]:
     """The motion (SI) of the base machine's variables in the fitted record, as it was measured; speeds by splines."""
     from scipy.interpolate import make_smoothing_spline
@@ -252,14 +270,38 @@ def motion_of(law: HiddenLaw, file: Path) -> tuple[Values, Array]:
     return {name: found[name] for name in law.variables}, time
 
 
+def searched(name: str) -> dict[str, object]:
+    """The records of a machine and the formula found, as a row of results."""
+    law = LAWS[name]
+    with tempfile.TemporaryDirectory() as folder:
+        file = write(law.bed, Path(folder))
+        motion, time = motion_of(law, file)
+        began = clock.process_time()
+        answer = hb.find_laws(file)
+        spent = clock.process_time() - began
+        best = answer.simplest
+        near, beyond = differences(law, best, motion, time) if best is not None and set(best.place) == set(law.place) \
+            else (np.inf, np.inf)
+    return {"key": name, "law": law.bed.effects[0].law, "formula": best.text if best is not None else "",
+            "place": list(best.place) if best is not None else [], "difference": near, "beyond": beyond,
+            "right": near <= NEAR and beyond <= BEYOND, "processor": round(spent, 1), "words": list(answer.words)}
+
+
 def main() -> None:
     """The machines named on the command line, or all without a result."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("names", nargs="*", choices=[*LAWS, []], metavar="NAME", help=", ".join(LAWS))
-    parser.add_argument("--write", type=Path, metavar="DIR", required=True, help="write the files of each machine")
+    parser.add_argument("--write", type=Path, metavar="DIR", help="write the files of each machine; no search")
+    parser.add_argument("--results", default=RESULTS, help="results are appended to this file, without .jsonl")
     options = parser.parse_args()
-    for name in options.names or LAWS:
-        print(write(LAWS[name].bed, options.write / name))
+    for name in options.names or [name for name in LAWS if options.write or name not in keeping.read(options.results)]:
+        if options.write:
+            print(write(LAWS[name].bed, options.write / name))
+            continue
+        row = searched(name)
+        keeping.add(options.results, row)
+        print(f"{name}: {'right' if row['right'] else 'not right'}, {row['difference']:.3f}, beyond {row['beyond']:.3f}, "
+              f"{row['processor']} s\n  truth {row['law']}\n  found {row['formula']}", flush=True)
 
 
 if __name__ == "__main__":
