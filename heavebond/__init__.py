@@ -93,10 +93,11 @@ _EXPORTS = {
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
 __all__ = [
     "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "FoundLaw", "HeavebondError", "Laws",
-    "Localization", "Model", "ModelError", "Result", "RunWarning", "SavedRun", "SimulationError", "Simulator", "StartError", "StateSpace", "Study",
-    "StudyResult", "Tuned", "TuningProblem", "UsageError", "assemble", "attempt", "audit", "candidates", "compare",
-    "diagnose", "draw", "find_laws", "fit", "ladder", "load", "load_experiment", "load_study", "loads", "localize", "loop_crossings",
-    "loop_margins", "read_run", "root_locus", "run_study", "simplify", "simulate", "state_space", "tune", "tuning_task",
+    "Localization", "Model", "ModelError", "Result", "RunWarning", "SavedRun", "SimulationError", "Simulator",
+    "StartError", "StateSpace", "Study", "StudyResult", "Tuned", "TuningProblem", "UsageError", "assemble", "attempt",
+    "audit", "candidates", "compare", "diagnose", "draw", "find_laws", "fit", "ladder", "load", "load_experiment",
+    "load_study", "loads", "localize", "loop_crossings", "loop_margins", "read_run", "root_locus", "run_study",
+    "simplify", "simulate", "state_space", "tune", "tuning_task",
 ]
 
 

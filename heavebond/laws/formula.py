@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -99,12 +100,17 @@ class Formula:
         renamed: list[dict[str, str]] = []
         used = {name for _, name in self.variables.values()} | {self.symbol, "a", "b", "pi", "s"}
 
-        def fresh(base: str) -> str:
-            name = next(n for k in range(1, 99) for n in [base if k == 1 else f"{base}_{k}"] if n not in used)
+        def fresh(base: str, count: int = 1) -> str:
+            """A name that is free: the base, or for one with a count, `F_1`, `F_2`, ..."""
+            stem = base.removesuffix("_0")
+            names = [base, *(f"{base}_{k}" for k in range(2, 99))] if count == 1 else [f"{stem}_{k}" for k in range(1, 99)]
+            name = next(n for n in names if n not in used)
             used.add(name)
             return name
 
         law = self.node.unit.dimension
+        alike = Counter(times(law, self._unit_of(part, term.degree), -1) == law for part in self.parts
+                        for term in part.form.terms)
         for index, (part, fixed) in enumerate(zip(self.parts, self.fixed, strict=True)):
             u = self.variables[part.first.formula][1]
             names = {"u": u}
@@ -114,7 +120,7 @@ class Formula:
                 names["s"] = "s" if index == 0 else f"s_{index + 1}"
             for k, (term, amplitude) in enumerate(zip(part.form.terms, part.amplitudes, strict=True)):
                 dimension = times(law, self._unit_of(part, term.degree), -1)
-                name = fresh(f"{self.symbol}_0" if dimension == law else "c")
+                name = fresh(f"{self.symbol}_0" if dimension == law else "c", alike[dimension == law])
                 names[str(k)] = name
                 size = WIDER * abs(amplitude)
                 unit = _unit(dimension)
