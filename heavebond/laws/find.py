@@ -14,6 +14,7 @@ independent blocks that the records are worth.
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -27,7 +28,8 @@ from heavebond.core.presentation import brief, number
 from heavebond.core.progress import Progress
 from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
-from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber, fresh, site_of, snake
+from heavebond.diagnosis.answer.files import Targets, write_findings
+from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber, fresh, quantity, site_of, snake
 from heavebond.diagnosis.candidates.places import candidates
 from heavebond.diagnosis.evidence.comparison import compared, loss
 from heavebond.diagnosis.evidence.prediction import SELECTION, TEST, block_length, predictive_errors
@@ -36,18 +38,19 @@ from heavebond.diagnosis.search.base_model import Base
 from heavebond.diagnosis.search.refit import Refit, begun, followed, refitted_at
 from heavebond.diagnosis.search.scoring import scored
 from heavebond.diagnosis.search.step import UNKNOWN, fitted_base
+from heavebond.diagnosis.state import AddedEffect, ladder_entry
 from heavebond.equations.places import Place
 from heavebond.estimation.channel_noise import with_noise
-from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_experiment
-from heavebond.estimation.fitting import Fit, fit
+from heavebond.estimation.experiment import Experiment, ExperimentOrFile, Free, changed_experiment, load_experiment
+from heavebond.estimation.fitting import fit
 from heavebond.language.definition import SearchRange
-from heavebond.language.edits import Change, Part
+from heavebond.language.edits import Change, Part, write_new
 from heavebond.laws.formula import Formula
 from heavebond.laws.regression import Composed, at_place, composed, leading
 from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.input_estimation import Estimate, Search
 from heavebond.localise.ltv_model import with_values
-from heavebond.localise.misfit import beginning, estimated_inputs, input_at
+from heavebond.localise.misfit import ImpliedInput, beginning, estimated_inputs, input_at
 from heavebond.numerics.dae import Array
 
 PLACES = 2  # at most, at which formulas are sought
@@ -60,17 +63,23 @@ CATALOGUE = 3  # laws of the catalogue at the place that are refitted beside the
 class FoundLaw:
     """A formula after its refit in simulation.
 
-    place: names of the nodes; text: the formula; numbers: fitted values (SI) by name, with 95 % intervals in
-    `intervals` (of the simplest formula); covered: the range of each variable in the fitted records (SI), by its
-    formula in the diagram; chi2_fit, chi2_held_out: chi-square per sample; loss: mean squared prediction error of all
-    samples in units of the noise; probability: see the module.
+    place: names of the nodes; text: the formula; name: of its component; numbers: fitted values (SI) by name, with 95 %
+    intervals in `intervals` (of the simplest formula), and their `covariance` (SI) in the order of the fitted ones of
+    `formula.numbers`; covered: the range of each variable in the fitted records (SI), by its formula in the diagram;
+    implied: the input that the records ask for at the place; finding: the law in the diagram, fitted to all samples;
+    chi2_fit, chi2_held_out: chi-square per sample; loss: mean squared prediction error of all samples in units of the
+    noise; probability: see the module.
     """
 
     formula: Formula
     refit: Refit
     numbers: Mapping[str, float]
     probability: float
+    name: str = ""
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    implied: tuple[ImpliedInput, ...] = field(default=(), repr=False)
+    finding: AddedEffect | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         return brief(self, self.text, self.values_text)
@@ -122,12 +131,13 @@ class FoundLaw:
         """The law (N,) in SI at values (N,) of its variables (SI), by their formulas in the diagram, at times (N,) in s."""
         return self.formula.value(motion, time, self.numbers)
 
-    def component(self, name: str) -> str:
+    def component(self, name: str = "") -> str:
         """The text of a component file with the law, its values and intervals."""
         notes = {key: f"({number(low, 4)} to {number(high, 4)})" for key, (low, high) in self.intervals.items()}
         ranges = ", ".join(f"{low:.4g} .. {high:.4g} {v.unit} of the {v.phrase}" for v, _ in self.formula.variables.values()
                            for low, high in [self.covered[v.formula]])
-        return self.formula.component(name, self.numbers, notes, f"Found for {ranges}; beyond that it is an extrapolation.")
+        restrictions = f"Found for {ranges}; beyond that it is an extrapolation."
+        return self.formula.component(name or self.name, self.numbers, notes, restrictions)
 
     def as_dict(self) -> dict[str, object]:
         """The figures, for machines; values in SI."""
@@ -204,7 +214,16 @@ def find_laws(experiment: ExperimentOrFile, *, at: Sequence[str] = (), progress:
         say("fitting the free parameters")
         base = fitted_base(_with_components(searched, formulas, folder))
         known = [refit for _, place in places for refit in _of_catalogue(base, place, say)]
-        return _answer(given, base, _refitted(base, search, formulas, say), known)
+        answer = _answer(given, base, _refitted(base, search, formulas, say), known)
+        if answer.simplest is None:
+            return answer
+        say(f"fitting all samples with {answer.simplest.text}")
+        k = next(k for k, place in places if place is answer.simplest.formula.place)
+        start = next(c for formula, c in formulas if formula is answer.simplest.formula)
+        exact = replace(_confirmed(given, answer.simplest, folder, say),
+                        implied=_implied(search, found, k, answer.simplest.formula.place, start))
+        return replace(answer, simplest=exact, laws=tuple(
+            exact if law is answer.simplest else law for law in answer.laws))
 
 
 def _places(search: Search, found: Estimate, at: Sequence[str]) -> list[tuple[int, Place]]:
@@ -275,7 +294,7 @@ def candidate_of(experiment: Experiment, formula: Formula, kind: str) -> Candida
     inputs = {s: f"={variable.formula}" for s, variable in formula.inputs.items()}
     numbers = tuple(EffectNumber(f"{name}.{n.name}", n.unit, None, None, SearchRange(n.range, ""), False, n.value)
                     for n in formula.numbers if n.range is not None)
-    return Candidate(name, kind, UNKNOWN, formula.text, formula.place.words, tuple(ends),
+    return Candidate(name, kind, "empirical law", formula.text, formula.place.words, tuple(ends),
                      Change({name: Part(kind, inputs)}, ends), numbers, "across" if len(ends) == 2 else "at")
 
 
@@ -321,9 +340,8 @@ def _answer(given: Experiment, base: Base, laws: Sequence[tuple[Formula, Refit]]
                     and loss(t) <= loss(simplest.refit)), None)
     if loss(simplest.refit) >= before.mean():
         return Laws(given, True, tuple(found), tuple(catalogue), chi2=chi2)
-    exact = _with_intervals(simplest)
-    ordered = sorted((exact if law is simplest else law for law in found), key=lambda law: -law.probability)
-    return Laws(given, True, tuple(ordered), tuple(catalogue), exact, as_good, chi2)
+    ordered = sorted(found, key=lambda law: -law.probability)
+    return Laws(given, True, tuple(ordered), tuple(catalogue), simplest, as_good, chi2)
 
 
 def _law(formula: Formula, refit: Refit, probability: float) -> FoundLaw:
@@ -333,15 +351,59 @@ def _law(formula: Formula, refit: Refit, probability: float) -> FoundLaw:
                     probability)
 
 
-def _with_intervals(law: FoundLaw) -> FoundLaw:
-    """The law with intervals of its parameters, from a fit that begins at its values."""
-    own = f"{law.refit.candidate.name}."
-    experiment = law.refit.experiment
-    at = replace(experiment, model=experiment.model.with_parameters(dict(law.refit.values)))
+def _confirmed(given: Experiment, law: FoundLaw, folder: Path, say: Progress) -> FoundLaw:
+    """The law in the diagram under a name of its own, fitted to all samples with all free parameters, with intervals."""
+    words = re.findall(r"[A-Za-z0-9]+", law.formula.place.name)
+    base = "Law" + "".join(word[:1].upper() + word[1:] for word in words)
+    files = given.model.library.files
+    name = next(n for n in (base, *(f"{base}{k}" for k in range(2, 99))) if n not in files)
+    path = folder / f"{snake(name)}.yaml"
+    path.write_text(law.formula.component(name), encoding="utf-8")
+    library = replace(given.model.library, files={**files, name: path})
+    experiment = replace(given, model=replace(given.model, library=library))
+    candidate = candidate_of(experiment, law.formula, name)
+    free = {n.name: n for n in law.formula.numbers if n.range is not None}
+    change = candidate.change.with_values({f"{candidate.name}.{n.name}": quantity(law.numbers[n.name], n.unit)
+                                           for n in free.values()})
+    changed = changed_experiment(experiment, change)
+    place = next(iter(changed.records.values())).place
+    own = {f"{candidate.name}.{n.name}": Free(f"{candidate.name}.{n.name}", n.range, place)
+           for n in free.values() if n.range is not None}
+    before = {key: value for key, value in law.refit.values.items()
+              if key in changed.free and not key.startswith("initial.")}
+    model = changed.model.with_parameters(before)
     try:
-        fitted: Fit = fit(at)
+        fitted = fit(replace(changed, model=model, free={**changed.free, **own}), progress=say)
     except HeavebondError:
-        return law
-    numbers = {p.name.removeprefix(own): p for p in fitted.parameters if p.name.startswith(own)}
-    return replace(law, numbers={**law.numbers, **{name: p.value for name, p in numbers.items()}},
-                   intervals={name: p.interval for name, p in numbers.items()})
+        return replace(law, name=name)
+    index = [k for k, p in enumerate(fitted.parameters) if p.name in own]
+    numbers = {fitted.parameters[k].name.rpartition(".")[2]: fitted.parameters[k] for k in index}
+    deviations = np.array([(p.interval[1] - p.interval[0]) / 3.92 for p in numbers.values()])
+    finding = AddedEffect(replace(candidate, change=change), tuple(fitted.parameters[k] for k in index),
+                          ladder_entry(f"+ {candidate.label}", fitted.after), fitted, (law.refit,))
+    return replace(law, name=name, numbers={**law.numbers, **{key: p.value for key, p in numbers.items()}},
+                   intervals={key: p.interval for key, p in numbers.items()},
+                   covariance=fitted.correlation[np.ix_(index, index)] * np.outer(deviations, deviations), finding=finding)
+
+
+def _implied(search: Search, found: Estimate, k: int, place: Place, start: Composed) -> tuple[ImpliedInput, ...]:
+    """The input that each record asks for at a place of the k-th group, with the free parameters that the formula has."""
+    w, deviation, moved, around = input_at(search, found, k, found.full[k])
+    ratio = found.full[k].group.ratios[found.full[k].group.places.index(place)]
+    value = (w + moved @ (start.q + search.centre(found.systems))) * ratio
+    local = {v.formula: v.values for v in around.variables(place)}
+    ends = np.cumsum([0, *(len(side.time) for side in search.sides)])
+    return tuple(ImpliedInput(side.record.name, side.time, value[i:j], deviation[i:j] * abs(ratio), place.unit.text,
+                              {name: course[i:j] for name, course in local.items()})
+                 for side, i, j in zip(search.sides, ends[:-1], ends[1:], strict=True))
+
+
+def write_law(laws: Laws, targets: Targets) -> list[Path]:
+    """The component of the simplest formula, the diagram with it, and the experiment on that, in the folder of the
+    targets; the paths that were written. None if no formula was found."""
+    law = laws.simplest
+    if law is None or law.finding is None:
+        return []
+    path = targets.folder / f"{snake(law.name)}.yaml"
+    write_new(path, law.component())
+    return [path, *write_findings(laws.experiment, [law.finding], targets)]

@@ -118,6 +118,18 @@ class Formula:
                 names["w"] = self.variables[part.second.formula][1]
             if part.form.memory:
                 names["s"] = "s" if index == 0 else f"s_{index + 1}"
+            shapes = list[Number]()
+            for shape, value in zip(part.form.shapes, part.shapes, strict=True):
+                letter = {"u_0": f"{u}_0", "w_0": f"{names.get('w', 'w')}_0", "p": "pitch"}.get(shape.name, shape.name)
+                names[shape.name] = fresh(letter)
+                unit = _unit(self._dimension(part, shape))
+                shapes.append(Number(names[shape.name], value, unit, shape.doc, Range(
+                    *self._ends(part, shape, value), unit)))
+            constants, text = list[Number](), " ".join([part.form.memory, *(term.text for term in part.form.terms)])
+            for key, doc in ((REFERENCE, "reference value"), (TRANSITION, "transition around zero")):
+                if re.search(rf"\b{key}\b", text):
+                    names[key] = fresh(f"{u}_{key[-1]}")
+                    constants.append(Number(names[key], fixed[key], _unit(read_unit(part.first.unit).dimension), doc))
             for k, (term, amplitude) in enumerate(zip(part.form.terms, part.amplitudes, strict=True)):
                 dimension = times(law, self._unit_of(part, term.degree), -1)
                 name = fresh(f"{self.symbol}_0" if dimension == law else "c", alike[dimension == law])
@@ -126,17 +138,7 @@ class Formula:
                 unit = _unit(dimension)
                 numbers.append(Number(name, amplitude, unit, f"amplitude of {self._shown(term.text, names)}",
                                       Range(-size, size, unit)))
-            for shape, value in zip(part.form.shapes, part.shapes, strict=True):
-                letter = {"u_0": f"{u}_0", "w_0": f"{names.get('w', 'w')}_0", "p": "pitch"}.get(shape.name, shape.name)
-                names[shape.name] = fresh(letter)
-                unit = _unit(self._dimension(part, shape))
-                numbers.append(Number(names[shape.name], value, unit, shape.doc, Range(
-                    *self._ends(part, shape, value), unit)))
-            text = " ".join([part.form.memory, *(term.text for term in part.form.terms)])
-            for key, doc in ((REFERENCE, "reference value"), (TRANSITION, "transition around zero")):
-                if re.search(rf"\b{key}\b", text):
-                    names[key] = fresh(f"{u}_{key[-1]}")
-                    numbers.append(Number(names[key], fixed[key], _unit(read_unit(part.first.unit).dimension), doc))
+            numbers += [*shapes, *constants]
             renamed.append(names)
         return tuple(numbers), tuple(renamed)
 
