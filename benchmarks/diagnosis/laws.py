@@ -6,6 +6,7 @@ noise; some machines have clutter, that is a small effect that is not declared, 
     python -m benchmarks.diagnosis.laws                     machines that have no result yet
     python -m benchmarks.diagnosis.laws cogging magnet      these machines
     python -m benchmarks.diagnosis.laws cogging --write DIR write diagram, records and experiment; no search
+    python -m benchmarks.diagnosis.laws --nothing 50        count the formulas for records in which nothing is hidden
 
 A formula is right if it differs from the law by at most 5 % over the motion of the fitted record, and by at most 20 % over
 1.3 times that motion (rms of the difference over the rms of the law). The simplest of the formulas that the records cannot
@@ -28,6 +29,8 @@ from scipy.integrate import solve_ivp
 import heavebond as hb
 from benchmarks.diagnosis import keeping
 from benchmarks.diagnosis.beds import Bed, Channel, Effect, Input, waves, write
+from benchmarks.diagnosis.making import SHARE, Hidden
+from benchmarks.diagnosis.rigs import RIGS
 from heavebond.numerics.dae import Array
 
 NEAR, BEYOND, WIDER = 0.05, 0.20, 1.3  # largest relative rms differences, and how much wider the motion is for the second
@@ -287,13 +290,31 @@ def searched(name: str) -> dict[str, object]:
             "right": near <= NEAR and beyond <= BEYOND, "processor": round(spent, 1), "words": list(answer.words)}
 
 
+def nothing(number: int) -> int:
+    """How many formulas are named for records of the rigs in which nothing is hidden but noise, and in every other one
+    values of the data sheet that are wrong within their tolerance."""
+    named, rigs = 0, list(RIGS.values())
+    for k in range(number):
+        rig = rigs[k % len(rigs)]
+        with tempfile.TemporaryDirectory() as folder:
+            case = Hidden(rig, (), f"laws/{k}", Path(folder), share=SHARE * (k // len(rigs) % 2)).case()
+            found = hb.find_laws(case.experiment)
+        named += found.simplest is not None
+        print(f"{rig.name} {k}: {' '.join(found.words)}", flush=True)
+    return named
+
+
 def main() -> None:
     """The machines named on the command line, or all without a result."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("names", nargs="*", choices=[*LAWS, []], metavar="NAME", help=", ".join(LAWS))
     parser.add_argument("--write", type=Path, metavar="DIR", help="write the files of each machine; no search")
     parser.add_argument("--results", default=RESULTS, help="results are appended to this file, without .jsonl")
+    parser.add_argument("--nothing", type=int, metavar="N", help="search in so many records in which nothing is hidden")
     options = parser.parse_args()
+    if options.nothing:
+        print(f"{nothing(options.nothing)} of {options.nothing} have a formula")
+        return
     for name in options.names or [name for name in LAWS if options.write or name not in keeping.read(options.results)]:
         if options.write:
             print(write(LAWS[name].bed, options.write / name))

@@ -59,6 +59,13 @@ FORMULAS = 8  # of a place that are refitted in simulation
 CATALOGUE = 3  # laws of the catalogue at the place that are refitted beside them: those with the largest scores
 
 
+def _digits(value: float, ends: tuple[float, float] | None) -> int:
+    """Digits with which a value is shown, so that its interval has two."""
+    if ends is None or not ends[1] > ends[0] or value == 0:
+        return 4
+    return int(np.clip(np.ceil(np.log10(abs(value) / (ends[1] - ends[0]))) + 2, 3, 9))
+
+
 @dataclass(frozen=True)
 class FoundLaw:
     """A formula after its refit in simulation.
@@ -100,10 +107,11 @@ class FoundLaw:
         shown = []
         for n in self.formula.numbers:
             value, ends = self.numbers.get(n.name, n.value), self.intervals.get(n.name)
-            interval = f" ({number(ends[0], 4)} to {number(ends[1], 4)})" if ends is not None else \
+            digits = _digits(value, ends)
+            interval = f" ({number(ends[0], digits)} to {number(ends[1], digits)})" if ends is not None else \
                 " (not fitted)" if not n.fitted else ""
             unit = "" if n.unit.text == "1" else f" {n.unit.text}"
-            shown.append(f"{n.name} = {number(value, 4)}{unit}{interval}")
+            shown.append(f"{n.name} = {number(value, digits)}{unit}{interval}")
         return ", ".join(shown)
 
     @property
@@ -133,7 +141,8 @@ class FoundLaw:
 
     def component(self, name: str = "") -> str:
         """The text of a component file with the law, its values and intervals."""
-        notes = {key: f"({number(low, 4)} to {number(high, 4)})" for key, (low, high) in self.intervals.items()}
+        notes = {key: f"({number(low, digits)} to {number(high, digits)})" for key, (low, high) in self.intervals.items()
+                 for digits in [_digits(self.numbers[key], (low, high))]}
         ranges = ", ".join(f"{low:.4g} .. {high:.4g} {v.unit} of the {v.phrase}" for v, _ in self.formula.variables.values()
                            for low, high in [self.covered[v.formula]])
         restrictions = f"Found for {ranges}; beyond that it is an extrapolation."

@@ -150,9 +150,9 @@ ONE_VARIABLE: tuple[Form, ...] = (
          (_pitch("p", "u"),), first="position"),
     *(_gapped(text, degree, n) for text, degree in (("1", 0), ("u", 1)) for n in (1, 2, 3)),
     _one("limited extension", "u/(1 - (u/u_0)**2)", 1, LIMIT), _one("limited travel", "u/(1 - abs(u)/u_0)", 1, LIMIT),
-    *(_one(f"{text} to the {n}", f"max({text}, 0)**{n}", n if n == 1 else 0, THRESHOLD) for text in ("u - u_0", "u_0 - u")
+    *(_one(f"{text} to the {n}", f"max({text}, 0)**{n}", n, THRESHOLD) for text in ("u - u_0", "u_0 - u")
       for n in (1, 2)),
-    *(_one(f"{text} to the 3/2", f"max({text}/u_r, 0)**1.5", 0, THRESHOLD) for text in ("u - u_0", "u_0 - u")),
+    *(_one(f"{text} to the 3/2", f"max(({text})/u_r, 0)**1.5", 0, THRESHOLD) for text in ("u - u_0", "u_0 - u")),
     _one("dead zone", "u - min(max(u, -u_0), u_0)", 1, _scale()), _one("limiter", "min(max(u, -u_0), u_0)", 1, _scale()),
 )
 RATES: tuple[tuple[str, str, int], ...] = (("line", "u", 1), ("drag", "u*abs(u)", 2), ("sign", "smooth_sign(u, u_t)", 0))
