@@ -61,7 +61,7 @@ def plot_misfit(localization: Localization) -> Figure:
                        where="post", color=COLOURS[c % len(COLOURS)], label=name, linewidth=1.4)
         panel.set_yscale("log")
         panel.axhline(1.0, color=RECORD, linewidth=1)
-        _dress(panel, "time [s]", "reduced χ²" if k == 0 else "")
+        dress(panel, "time [s]", "reduced χ²" if k == 0 else "")
         panel.set_title(record, loc="left", fontsize=10, fontweight="bold")
     if best:
         lower = grid[1].subgridspec(1, len(best))
@@ -70,7 +70,7 @@ def plot_misfit(localization: Localization) -> Figure:
             unit = localization.experiment.outputs[state.channel].shown.unit
             panel.plot(state.x, state.y, "o-", color=COLOURS[channels.index(state.channel) % len(COLOURS)], markersize=3)
             panel.axhline(0.0, color=RECORD, linewidth=0.8)
-            _dress(panel, f"{state.variable} [{unit_label(state.unit)}]", f"error of {state.channel} [{unit_label(unit)}]")
+            dress(panel, f"{state.variable} [{unit_label(state.unit)}]", f"error of {state.channel} [{unit_label(unit)}]")
             panel.set_title(f"R² {state.r2:.2f} on data not used", loc="left", fontsize=9)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=len(labels), frameon=False)
@@ -104,7 +104,7 @@ def _cloud(panel: Axes, suspect: PlaceEstimate, name: str, shown: str) -> None:
         panel.plot(curve.x * per_x, curve.y * per_y, color="black", linewidth=2, label="curve")
         if curve.y_down.size:
             panel.plot(curve.x * per_x, curve.y_down * per_y, color="black", linewidth=2, linestyle="--")
-    _dress(panel, f"{name} [{unit_label(across)}]" if across else name, "")
+    dress(panel, f"{name} [{unit_label(across)}]" if across else name, "")
     r2 = curve.r2 if name == curve.variable.formula else curve.scores[name]
     panel.set_title(f"R² {max(r2, 0.0):.2f} on data not used", loc="left", fontsize=10)
 
@@ -121,19 +121,21 @@ def _course(panel: Axes, suspect: PlaceEstimate, shown: str) -> None:
         value, band = implied.value * per_y, 2 * implied.deviation * per_y
         panel.fill_between(implied.time, value - band, value + band, color=COLOURS[k % len(COLOURS)], alpha=0.2, linewidth=0)
         panel.plot(implied.time, value, color=COLOURS[k % len(COLOURS)], linewidth=1, label=implied.record)
-    limits = np.concatenate([_limits(i.value * per_y) for i in suspect.implied.values()])
+    limits = np.concatenate([limits(i.value * per_y) for i in suspect.implied.values()])
     panel.set_ylim(float(limits.min()), float(limits.max()))
     panel.legend(loc="upper left", frameon=False, fontsize=9, ncols=len(suspect.implied))
-    _dress(panel, "time [s]", f"{noun(suspect)} [{unit_label(shown)}]")
+    dress(panel, "time [s]", f"{noun(suspect)} [{unit_label(shown)}]")
 
 
-def _limits(values: Array) -> Array:
+def limits(values: Array) -> Array:
+    """The range of values with some room."""
     low, high = float(values.min()), float(values.max())
     room = 0.15 * (high - low) or 1.0
     return np.array([low - room, high + room])
 
 
-def _dress(panel: Axes, x: str, y: str) -> None:
+def dress(panel: Axes, x: str, y: str) -> None:
+    """The labels and the grid of a panel."""
     panel.set_xlabel(x)
     if y:
         panel.set_ylabel(y)
