@@ -29,7 +29,7 @@ from scipy.integrate import solve_ivp
 import heavebond as hb
 from benchmarks.diagnosis import keeping
 from benchmarks.diagnosis.beds import Bed, Channel, Effect, Input, waves, write
-from benchmarks.diagnosis.making import SHARE, Hidden
+from benchmarks.diagnosis.making import made
 from benchmarks.diagnosis.rigs import RIGS
 from heavebond.numerics.dae import Array
 
@@ -291,13 +291,13 @@ def searched(name: str) -> dict[str, object]:
 
 
 def nothing(number: int) -> int:
-    """How many formulas are named for records of the rigs in which nothing is hidden but noise, and in every other one
-    values of the data sheet that are wrong within their tolerance."""
+    """How many formulas are named for records of the rigs in which nothing is hidden but noise, and values of the data sheet
+    that are wrong within their tolerance."""
     named, rigs = 0, list(RIGS.values())
     for k in range(number):
         rig = rigs[k % len(rigs)]
         with tempfile.TemporaryDirectory() as folder:
-            case = Hidden(rig, (), f"laws/{k}", Path(folder), share=SHARE * (k // len(rigs) % 2)).case()
+            case = made(rig, (), f"laws/{k}", Path(folder))
             found = hb.find_laws(case.experiment)
         named += found.simplest is not None
         print(f"{rig.name} {k}: {' '.join(found.words)}", flush=True)
