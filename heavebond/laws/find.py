@@ -9,7 +9,9 @@
 
 The probability of a formula is its weight by bootstrapped predictive likelihoods (pseudo-BMA+; Y. Yao, A. Vehtari, D.
 Simpson, A. Gelman, 2018, doi:10.1214/17-BA1091) times exp(-k/2 ln b) for its k parameters, with b the number of
-independent blocks that the records are worth.
+independent blocks that the records are worth. The rest is the probability of another form, with the odds that a diagnosis
+gives to a law outside its catalogue (see `diagnosis.evidence.probability`): they grow with the prediction error that the
+best formula leaves above the noise.
 """
 
 from __future__ import annotations
@@ -53,10 +55,11 @@ from heavebond.localise.ltv_model import with_values
 from heavebond.localise.misfit import ImpliedInput, beginning, estimated_inputs, input_at
 from heavebond.numerics.dae import Array
 
+NOISE = 2.0  # mean squared prediction error, in noise variances, from which on a formula is only an approximation
 PLACES = 2  # at most, at which formulas are sought
 VARIABLES = 4  # of a place that are tried: those across it and its positions first
 FORMULAS = 8  # of a place that are refitted in simulation
-CATALOGUE = 3  # laws of the catalogue at the place that are refitted beside them: those with the largest scores
+CATALOGUE = 5  # laws of the catalogue at the place that are refitted beside them: one of each class, by their scores
 
 
 def _digits(value: float, ends: tuple[float, float] | None) -> int:
@@ -179,13 +182,20 @@ class Laws:
         if not self.missing:
             return ("No effect is missing: the parameters explain the records to the noise.",)
         best = self.simplest
+        if best is None and not self.laws:
+            return ("An effect is missing, but no formula could be simulated at the likeliest places. `heavebond diagnose` "
+                    "tries the laws of the catalogue.",)
         if best is None:
-            return ("No formula at any place explains the records better than the model without it.",)
+            return ("No formula at the likeliest places explains the records better than the model without it.",)
         words = [f"{best.formula.place.words[:1].upper()}{best.formula.place.words[1:]}: {best.text}",
                  f"with {best.values_text}.",
                  f"Probability {percent(best.probability)}. Chi-square per sample falls from {number(self.chi2[0], 3)} to "
                  f"{number(best.chi2_fit, 3)} on fitted data and from {number(self.chi2[1], 3)} to "
                  f"{number(best.chi2_held_out, 3)} on held-out data."]
+        if best.loss > NOISE:
+            words.append(f"It leaves {number(best.loss, 3)} times the noise: the law has another form, or more is missing. "
+                         "The formula is an approximation within the motion of the records. `heavebond diagnose` searches "
+                         "several effects at once.")
         if self.known is not None:
             words.append(f"The catalogue's {self.known.candidate.label} predicts as well with no more parameters "
                          f"(chi-square {number(self.known.chi2_held_out, 3)} held out): use that law.")
@@ -257,8 +267,9 @@ def _formulas(search: Search, found: Estimate, k: int, place: Place) -> list[tup
     variables = [v for v in around.variables(place) if v.kind != "rate"]
     own = [v for v in variables if v.kind in ("across", "position")]
     problem = at_place(search, found, place, [*own, *(v for v in variables if v not in own)][:VARIABLES])
-    return [(Formula(place, c.parts, problem.motions, tuple(problem.fixed(part) for part in c.parts)), c)
-            for c in leading(composed(problem), FORMULAS)]
+    found_here = [(Formula(place, c.parts, problem.motions, tuple(problem.fixed(part) for part in c.parts)), c)
+                  for c in leading(composed(problem), FORMULAS)]
+    return [(formula, c) for formula, c in found_here if formula.possible]
 
 
 def _kind(k: int) -> str:
@@ -319,7 +330,8 @@ def _of_catalogue(base: Base, place: Place, say: Progress) -> list[Refit]:
             if own:
                 scores.append((max(s.gain for s in own), candidate, own))
     refits = []
-    for _, candidate, own in sorted(scores, key=lambda entry: -entry[0])[:CATALOGUE]:
+    best_of_each = {candidate.kind: (gain, candidate, own) for gain, candidate, own in sorted(scores, key=lambda s: s[0])}
+    for _, candidate, own in sorted(best_of_each.values(), key=lambda entry: -entry[0])[:CATALOGUE]:
         say(f"refitting {candidate.label}")
         trial = begun(base, candidate, own)
         if trial is not None:
@@ -341,7 +353,9 @@ def _answer(given: Experiment, base: Base, laws: Sequence[tuple[Formula, Refit]]
     blocks = max(2.0, len(before.sums) / max(length, 1.0))
     counts = {id(refit): formula.count for formula, refit in laws}
     odds = np.array([w * blocks**(-0.5 * (counts[id(t)] - counts[id(best)])) for t, w in zip(trials, weights, strict=True)])
-    shares = odds / odds.sum() if odds.sum() > 0 else np.full(len(trials), 1 / len(trials))
+    left = max(1.0, loss(best))
+    other = CALIBRATION.outside * float(np.exp(CALIBRATION.excess * (1 - 1 / left)))
+    shares = odds / odds.sum() / (1 + other)
     found = [_law(formula, refit, float(shares[trials.index(refit)])) for formula, refit in laws if refit in trials]
     simplest = min((law for law in found if law.refit in alike), key=lambda law: (law.formula.count, law.loss))
     catalogue = sorted(known, key=loss)

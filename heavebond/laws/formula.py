@@ -20,6 +20,14 @@ from heavebond.numerics.dae import Array
 SYMBOLS = {"translational": "F", "rotational": "M"}  # of the law; that of the through variable in other domains
 PITCH = 0.1  # relative distance from a pitch within which it is refitted: further away there are other minima
 WIDER = 10.0  # factor within which amplitudes and scales are refitted
+# A gas takes its enthalpy along, from upstream: parameters, variable and equations of a law between two nodes of gas.
+GAS = ((
+    "  c_p: {unit: J/(kg*K), medium: c_p, min: 1 J/(kg*K), default: 1005 J/(kg*K), "
+    "doc: specific heat capacity at constant pressure (air)}",
+    "  G: {unit: W/K, min: 1e-9 W/K, default: 1e-3 W/K, doc: thermal conductance from a to b at rest}"),
+    "  H: {unit: W, doc: enthalpy flow from a to b}",
+    (("H = upwind_enthalpy_flow(m, a.T, b.T, c_p, G)", "enthalpy from upstream"), ("a.H = H", "in at a"),
+     ("b.H = -H", "out at b")))
 _NAME = re.compile(r"[A-Za-z_]\w*")
 
 
@@ -55,6 +63,11 @@ class Formula:
     def node(self) -> Node:
         """The node at which the law acts, the first of two."""
         return self.place.nodes[0]
+
+    @property
+    def possible(self) -> bool:
+        """Whether a component can have the law: a port with one flow, or gas between two nodes."""
+        return len(self.node.domain.through) == 1 or (self.node.domain.name == "pneumatic" and len(self.place.nodes) == 2)
 
     @property
     def symbol(self) -> str:
@@ -98,7 +111,7 @@ class Formula:
         variables."""
         numbers: list[Number] = []
         renamed: list[dict[str, str]] = []
-        used = {name for _, name in self.variables.values()} | {self.symbol, "a", "b", "pi", "s"}
+        used = {name for _, name in self.variables.values()} | {self.symbol, "a", "b", "pi", "s", "c_p", "G", "H", "T"}
 
         def fresh(base: str, count: int = 1) -> str:
             """A name that is free: the base, or for one with a count, `F_1`, `F_2`, ..."""
@@ -272,6 +285,10 @@ class Formula:
         else:
             lines.append((f"a.{through} = {symbol}", f"{noun} into a"))
             lines += [(f"b.{through} = -{symbol}", f"{noun} into b")] if pair else []
+        if len(domain.through) > 1:
+            parameters += GAS[0]
+            variables.append(GAS[1])
+            lines += GAS[2]
         width = max(len(left) for left, _ in lines)
         states = [s for v, s in own.values() if v.formula.startswith("∫")] + list(self.memories)
         text = [f"component: {name}", f"summary: {_quoted(f'Law {self.place.words} that was found from records.')}"]
