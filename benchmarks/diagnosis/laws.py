@@ -293,8 +293,8 @@ def searched(name: str) -> dict[str, object]:
 
 
 def nothing(number: int) -> int:
-    """How many formulas are named for so many records of the rigs in which nothing is hidden but noise, and values of the data
-    sheet that are wrong within their tolerance; draws with which a machine leaves its range are left out."""
+    """How many formulas are named for so many records of the rigs in which nothing is hidden but noise, and values of the
+    data sheet that are wrong within their tolerance; draws with which a machine leaves its range are left out."""
     named, done, rigs = 0, 0, list(RIGS.values())
     for k in count():
         rig = rigs[k % len(rigs)]
