@@ -30,7 +30,7 @@ def test_the_circuits_of_the_compensator() -> None:
 
 @pytest.mark.parametrize(("name", "held", "carried"), [
     ("circuit_without_reference", (), ()),              # orifices feel differences alone
-    ("bulk_modulus_of_zero", (), ("oil",)),             # a volume carries its pressure
+    ("volume_of_zero", ("tank",), ("oil",)),  # a volume carries its pressure
     ("bridge_of_sharp_orifices", ("pump", "tank"), ()),
     ("joined_volumes_at_other_pressures", (), ("left", "right")),  # a sensor in line holds nothing
 ])

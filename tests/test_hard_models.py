@@ -29,10 +29,10 @@ REFUSED = (
     "fixed_at_both_ends_of_a_rigid_chain", "torque_on_a_free_shaft", "signal_loop_without_memory",
     "two_circuits_without_reference", "heat_that_goes_nowhere",
     # lost rank
-    "mass_of_zero_under_a_force", "resistance_of_zero_between_sources", "volume_of_zero", "bulk_modulus_of_zero",
+    "mass_of_zero_under_a_force", "resistance_of_zero_between_sources", "bulk_modulus_of_zero",
     "valves_shut_at_the_start", "valve_shuts_during_the_run", "valves_shut_for_good_during_the_run",
     "valve_shut_for_good_before_a_dead_end",
-    "slide_that_drives_a_crank_at_dead_centre", "capacitor_whose_series_resistance_is_zero",
+    "slide_that_drives_a_crank_at_dead_centre",
     # start
     "rigid_inertias_with_other_speeds", "steady_state_of_two_closed_chambers", "steady_and_a_place_as_well",
     "steady_load_that_nothing_holds", "solve_without_a_condition", "solve_beyond_the_bounds", "value_on_what_a_source_holds",
@@ -79,6 +79,8 @@ ENDS: dict[str, Callable[[], dict[str, float]]] = {
     "loop_of_plain_numbers": lambda: {"lag.y": np.exp(-0.4)},  # y' = (0.5 (0.2 + 1) - 1) y
     "load_hangs_still_at_a_pressure": lambda: {"load.x": 0.3, "A.p": 500 * 9.81 / 20e-4, "supply.p": 500 * 9.81 / 20e-4},
     "joined_volumes_both_steady": lambda: {"left.p": _dp_at_rated_flow(5e5, 1e4), "flow": 10 * LPM},
+    "volume_of_zero": lambda: {"line.p": _dp_at_rated_flow(5e5, 1e4)},
+    "capacitor_whose_series_resistance_is_zero": lambda: {"capacitor.v": 10.0},
     "volume_on_a_pressure_source": lambda: {"line.p": 1e7, "oil.a.q": 0.0},
     "inertance_behind_a_flow_source": lambda: {"line.p": 1e8 * 10 * LPM, "pipe.q_I": 10 * LPM},
     "bridge_of_sharp_orifices": lambda: dict(zip(("left.p", "right.p"), _bridge(), strict=True)),

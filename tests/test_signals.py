@@ -120,7 +120,7 @@ def test_outside_the_record() -> None:
         align([heave], 0.0, 130.0, names=["heave"])
     text = str(caught.value)
     assert "the simulation needs heave from 0 s to 130 s, the record ends at 120 s" in text
-    assert "Say `until: 120 s`." in text
+    assert "Write `until: 120 s`." in text
     begin = r"the record begins at 0 s(.|\n)*Begin at 0 s \(`simulate: {from: 0 s, until: 11 s}`\)"
     with pytest.raises(DataError, match=begin):
         align([heave], -1.0, 10.0)

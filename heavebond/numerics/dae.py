@@ -208,6 +208,9 @@ class Assembly:
     def express(self, raw: ca.SX) -> ca.SX:
         """Raw symbols put in terms of (t, x, z, p, u, rate); a derivative that no equation has by the chain rule."""
         found = self.reduced.express(raw)
+        if self.flat.zeros:  # the power of a volume of 0 needs no rate of its pressure
+            left_out = stack([self.flat.constants[name] for name in self.flat.zeros])
+            found = ca.densify(ca.sparsify(ca.substitute(found, left_out, ca.SX.zeros(left_out.shape))))
         missing = [s for s in ca.symvar(found) if s.element_hash() not in self._available]
         if missing:
             found = ca.substitute(found, stack(missing), stack([self._rate_of(s) for s in missing]))
