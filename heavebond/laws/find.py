@@ -4,8 +4,9 @@
 2. At the likeliest places closed forms are fitted to the innovations and composed to formulas (see `laws.regression`).
 3. The formulas that leave least with each number of parameters are put into the diagram as components and refitted in
    simulation, with all free parameters, by exact sensitivities; so are the laws of the catalogue at the same place.
-4. They are compared by their errors on data to which their parameters were not fitted (cross-validated, and held out). Of
-   those that the records cannot distinguish from the best, the one with the fewest parameters is the simplest.
+4. A formula counts if BIC falls by strong evidence, and the error on held-out data by more than chance. Formulas are
+   compared by their errors on data to which their parameters were not fitted (cross-validated, and held out). Of those that
+   the records cannot distinguish from the best, the one with the fewest parameters is the simplest.
 
 The probability of a formula is its weight by bootstrapped predictive likelihoods (pseudo-BMA+; Y. Yao, A. Vehtari, D.
 Simpson, A. Gelman, 2018, doi:10.1214/17-BA1091) times exp(-k/2 ln b) for its k parameters, with b the number of
@@ -33,13 +34,14 @@ from heavebond.core.threads import single_threaded
 from heavebond.diagnosis.answer.files import Targets, write_findings
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber, fresh, quantity, site_of, snake
 from heavebond.diagnosis.candidates.places import candidates
-from heavebond.diagnosis.evidence.comparison import compared, loss
+from heavebond.diagnosis.evidence.comparison import STRONG, compared, loss
 from heavebond.diagnosis.evidence.prediction import SELECTION, TEST, block_length, predictive_errors
 from heavebond.diagnosis.evidence.probability import CALIBRATION, law_weights, percent
+from heavebond.diagnosis.evidence.residual_tests import is_noise
 from heavebond.diagnosis.search.base_model import Base
-from heavebond.diagnosis.search.refit import Refit, begun, followed, refitted_at
+from heavebond.diagnosis.search.refit import Refit, begun, bic, followed, refitted_at
 from heavebond.diagnosis.search.scoring import scored
-from heavebond.diagnosis.search.step import UNKNOWN, fitted_base
+from heavebond.diagnosis.search.step import EARNED, UNKNOWN, fallen, fitted_base
 from heavebond.diagnosis.state import AddedEffect, ladder_entry
 from heavebond.equations.places import Place
 from heavebond.estimation.channel_noise import with_noise
@@ -163,7 +165,8 @@ class FoundLaw:
 class Laws:
     """The answer: whether an effect is missing at all, the formulas (most probable first), the laws of the catalogue at the
     same places, and the formula with the fewest parameters among those that the records cannot distinguish from the best;
-    `known` is the law of the catalogue that predicts as well as it with no more parameters."""
+    `known` is the law of the catalogue that predicts as well as it with no more parameters. `chi2`: per sample of the fitted
+    and of the held-out data without a formula; `failed`: no formula could be simulated."""
 
     experiment: Experiment
     missing: bool
@@ -172,6 +175,7 @@ class Laws:
     simplest: FoundLaw | None = None
     known: Refit | None = None
     chi2: tuple[float, float] = (np.nan, np.nan)
+    failed: bool = False
 
     def __repr__(self) -> str:
         return brief(self, self.experiment.name, *self.words)
@@ -182,11 +186,11 @@ class Laws:
         if not self.missing:
             return ("No effect is missing: the parameters explain the records to the noise.",)
         best = self.simplest
-        if best is None and not self.laws:
+        if best is None and self.failed:
             return ("An effect is missing, but no formula could be simulated at the likeliest places. `heavebond diagnose` "
                     "tries the laws of the catalogue.",)
         if best is None:
-            return ("No formula at the likeliest places explains the records better than the model without it.",)
+            return ("No formula at the likeliest places lowers the error by more than chance.",)
         words = [f"{best.formula.place.words[:1].upper()}{best.formula.place.words[1:]}: {best.text}",
                  f"with {best.values_text}.",
                  f"Probability {percent(best.probability)}. Chi-square per sample falls from {number(self.chi2[0], 3)} to "
@@ -343,8 +347,12 @@ def _answer(given: Experiment, base: Base, laws: Sequence[tuple[Formula, Refit]]
     before = predictive_errors(base.problem, base.inner, base.exact, base.r)
     trials = [refit for _, refit in laws if len(refit.errors.sums if refit.errors is not None else ()) == len(before.sums)]
     chi2 = (float(base.r @ base.r) / len(base.r), before.mean(SELECTION, TEST))
+    samples = before.samples(SELECTION, TEST)
+    without = bic(base.cost, len(base.r), len(base.inner))
+    trials = [t for t in trials if t.bic < without - STRONG
+              and (not samples or fallen(chi2[1], t.chi2_held_out, samples) > EARNED)]
     if not trials:
-        return Laws(given, True, (), tuple(known), chi2=chi2)
+        return Laws(given, not is_noise(chi2[0], chi2[1], samples), (), tuple(known), chi2=chi2, failed=not laws)
     best = min(trials, key=loss)
     alike = compared(best, trials, before).members
     weights = law_weights(trials)[CALIBRATION.temperature]
@@ -361,8 +369,6 @@ def _answer(given: Experiment, base: Base, laws: Sequence[tuple[Formula, Refit]]
     catalogue = sorted(known, key=loss)
     as_good = next((t for t in catalogue if len(t.candidate.numbers) <= simplest.formula.count
                     and loss(t) <= loss(simplest.refit)), None)
-    if loss(simplest.refit) >= before.mean():
-        return Laws(given, True, tuple(found), tuple(catalogue), chi2=chi2)
     ordered = sorted(found, key=lambda law: -law.probability)
     return Laws(given, True, tuple(ordered), tuple(catalogue), simplest, as_good, chi2)
 
