@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 import heavebond as hb
+from heavebond.core.units import DIMENSIONLESS
 from heavebond.diagnosis.answer.sentences import unusual_values
+from heavebond.diagnosis.candidates.catalogue import EffectNumber
 from heavebond.diagnosis.candidates.places import candidates
 from heavebond.diagnosis.search.step import make_stage
-from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.experiment import FARTHEST, Experiment, load_experiment
+from heavebond.numerics.dae import assemble
 
 ROTOR = """
 model: rotor
@@ -92,7 +95,7 @@ simulate: {{until: 1 s, every: 10 ms}}
     assert bool((found[component.in_diagram(effect.acts, "law")] > 0).any()) is acts
 
 
-def test_an_unusual_value_gets_a_remark(tmp_path: Path) -> None:
+def gearbox(folder: Path) -> Experiment:
     """A gearbox that loses 25 % of its torque."""
     t = np.arange(0, 10, 0.05)
     noise = np.random.default_rng(3).normal(0, 0.01, len(t))
@@ -105,10 +108,35 @@ components:
 nodes: {shaft: [drive.a, gear.a], wheel: [gear.b, rotor.a]}
 initial: {wheel.phi: 0 rad, wheel.w: 0 rad/s}
 """
-    made = experiment(tmp_path, model, {"t": t, "w": 0.75*2/2*t + noise, "tau": 1 + 0*t},
+    return experiment(folder, model, {"t": t, "w": 0.75*2/2*t + noise, "tau": 1 + 0*t},
                       "drive.u: {column: tau, unit: N*m, interpolation: linear}",
                       "wheel.w: {column: w, unit: rad/s, noise: 0.01 rad/s}")
-    found = hb.attempt(made, "gear.eta")
+
+
+def test_an_unusual_value_gets_a_remark(tmp_path: Path) -> None:
+    found = hb.attempt(gearbox(tmp_path), "gear.eta")
     assert found.finding.parameters[0].value == pytest.approx(0.75, abs=0.01)
     remark, = unusual_values([found.finding])
     assert remark.startswith("gear.eta = 0.75 is unusual: 0.8 to 0.995 is typical (G. Niemann")
+
+
+def test_typical_values_are_a_weak_prior_of_a_refit(tmp_path: Path) -> None:
+    """The typical efficiency of 0.8 to 0.995 allows a loss of 0.2 within one standard deviation."""
+    stage = make_stage(gearbox(tmp_path), number=1, classes=("dry friction",))
+    trial = next(t for t in stage.trials if t.candidate.name == "gear.eta")
+    value = trial.values["gear.eta"]
+    assert value == pytest.approx(0.75, abs=0.01)
+    assert trial.cost - trial.chi2_fit * trial.samples == pytest.approx(((1 - value) / 0.2)**2, rel=1e-6)
+
+
+def test_the_ends_of_a_typical_range_above_zero_are_one_standard_deviation_from_its_middle() -> None:
+    model = hb.loads(ROTOR.replace("rotor.a]", "rotor.a, law.a], earth: [law.b, frame.a]").replace(
+        "components:", "components:\n  law: {is: RotationalLuGreFriction, M_c: 1 N*m}\n"
+                       "  frame: {is: FixedShaft}"))
+    leaves = assemble(model).flat.expanded.leaves
+    number = EffectNumber("law.r", DIMENSIONLESS, None, None, None, False)
+    prior = number.prior(leaves)
+    assert prior is not None and [prior.at(v)[0] for v in (1.0, 2.5)] == pytest.approx([-1, 1])
+    assert prior.at(1.5)[1] == pytest.approx((prior.at(1.5 + 1e-6)[0] - prior.at(1.5 - 1e-6)[0]) / 2e-6, rel=1e-6)
+    assert prior.at(0.0) == (-FARTHEST, 0.0)
+    assert EffectNumber("law.M_c", DIMENSIONLESS, 0.0, None, None, True).prior(leaves) is None

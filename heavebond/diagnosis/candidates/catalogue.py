@@ -13,7 +13,7 @@ from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations, count
-from math import isfinite, sqrt
+from math import isfinite, log, sqrt
 
 import casadi as ca
 
@@ -23,7 +23,7 @@ from heavebond.equations.connect import Group, Network, connect
 from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.parameters import formula_order
 from heavebond.estimation.comparison import assemble_for
-from heavebond.estimation.experiment import Experiment
+from heavebond.estimation.experiment import Experiment, Prior
 from heavebond.language.definition import (
     FACTOR,
     REVERSES,
@@ -74,6 +74,19 @@ class EffectNumber:
         if self.sought is None or self.sought.range is not None:
             return ""
         return f"{self.name.rpartition('.')[0]}.{self.sought.seen}"
+
+    def prior(self, leaves: Mapping[str, Leaf]) -> Prior | None:
+        """What its component says of typical values, as a weak prior: the ends of the range are one standard deviation from
+        its middle, in logarithms if the range is above zero. An amplitude has its mean at the neutral value, and the farther
+        end of the range at one standard deviation: a small effect is not unusual. None without a range."""
+        path, _, own = self.name.rpartition(".")
+        parameter = leaves[path].component.parameters.get(own) if path in leaves else None
+        if parameter is None or parameter.typical is None or parameter.typical.range is None:
+            return None
+        low, high = parameter.typical.range.low, parameter.typical.range.high
+        if self.amplitude and self.sought is None:
+            return Prior(self.neutral, max(abs(low - self.neutral), abs(high - self.neutral)))
+        return Prior(log(low * high) / 2, log(high / low) / 2, True) if low > 0 else Prior((low + high) / 2, (high - low) / 2)
 
     @property
     def motions(self) -> tuple[str, ...]:

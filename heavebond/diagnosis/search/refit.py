@@ -299,8 +299,9 @@ class _RefitProblem:
     def _freed(self, changed: Experiment, known: set[str]) -> Experiment:
         """The experiment with the candidate's numbers free as well, and inside their ranges."""
         place = next(iter(changed.records.values())).place
-        units = {n.name: n.unit for n in self.candidate.numbers}
-        free = {name: Free(name, Range(low, high, units[name]), place) for name, (low, high) in self.ranges.items()}
+        numbers, leaves = {n.name: n for n in self.candidate.numbers}, self.runs[0].assembly.flat.expanded.leaves
+        free = {name: Free(name, Range(low, high, numbers[name].unit), place, typical=numbers[name].prior(leaves))
+                for name, (low, high) in self.ranges.items()}
         kept = {name: f for name, f in changed.free.items() if name in known}
         return replace(changed, model=changed.model.with_parameters(self._first_values()), free={**kept, **free})
 
