@@ -86,7 +86,9 @@ class EffectNumber:
         low, high = parameter.typical.range.low, parameter.typical.range.high
         if self.amplitude and self.sought is None:
             return Prior(self.neutral, max(abs(low - self.neutral), abs(high - self.neutral)))
-        return Prior(log(low * high) / 2, log(high / low) / 2, True) if low > 0 else Prior((low + high) / 2, (high - low) / 2)
+        if low > 0:
+            return Prior(log(low * high) / 2, log(high / low) / 2, True)
+        return Prior((low + high) / 2, (high - low) / 2)
 
     @property
     def motions(self) -> tuple[str, ...]:
@@ -142,8 +144,12 @@ class Candidate:
 
     def acts_on(self, effects: Sequence[Candidate]) -> bool:
         """Whether it changes one of these effects instead of the machine: it takes the place of a part of theirs, stands in
-        series with it, or wakes or varies a parameter of it; or it is a second factor of a parameter over one variable."""
+        series with it, or wakes or varies a parameter of it; or it is a second factor of a parameter over one variable, or
+        stands before an effect in a channel, where it acts as behind it in the channel."""
         parts = {name for effect in effects if effect.attaches != "replaces" for name in effect.change.components}
+        behind = {name for effect in effects if effect.attaches == "channel" for name in effect.change.components}
+        if self.attaches == "input" and self.where[0] in behind:
+            return True
         part = {"in series": self.where[-1], "in": self.where[0], "replaces": self.where[0], "parameter": self.where[0]}
         return part.get(self.attaches) in parts or (self.varies and self.place in {e.place for e in effects})
 

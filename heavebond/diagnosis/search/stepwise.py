@@ -7,6 +7,8 @@ either of them alone, and every further effect then compensates its errors. Ther
   and places, and of all selections so begun the best few, until one reaches the noise.
 * The laws that lead the first step are each refitted beside calibration errors (offsets and gains of inputs and
   channels), and followed in the order of their residuals then.
+* These laws are compared with each other as pairs: each with the further effect that completes it best (see
+  `joint_refits`). Of a law alone the residual holds all other effects, and a law that imitates these leaves less.
 * Beside all others, each effect is removed and sought again among all candidates: one that is not needed stays out, one
   that another improves on is replaced, and its alternatives are determined anew.
 * A further effect that is absent at the end of its refit, but lowers the residual, has led the values out of a wrong
@@ -43,7 +45,8 @@ from heavebond.core.progress import Progress
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber, called
 from heavebond.diagnosis.candidates.places import Places, between_all_nodes, candidates
 from heavebond.diagnosis.decision import DECISION
-from heavebond.diagnosis.evidence.comparison import ALL, leaves_noise, loss
+from heavebond.diagnosis.evidence.comparison import ALL, compared, leaves_noise, loss
+from heavebond.diagnosis.evidence.prediction import share_taken
 from heavebond.diagnosis.evidence.residual_tests import is_noise
 from heavebond.diagnosis.search.base_model import Base
 from heavebond.diagnosis.search.refit import Refit, refitted_from
@@ -155,6 +158,8 @@ def _amplitudes(base: Base, own: Array) -> tuple[Array, NDArray[np.int64]]:
 
 
 MOST = 5  # effects
+RIVALS = 8  # laws of the first step at most that are compared in pairs,
+SECONDS = 2  # with so many further effects that other laws were completed by
 WAYS = 3  # ladders that are followed side by side,
 FOLLOWED = 0.5  # those that take this share of what the best takes away
 BEGUN = 0.5  # share of the time of a step that must be left for the next, which begins near its end and may reach the noise
@@ -226,9 +231,10 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
         last = stepping(at_values_of(last.chosen, experiment), ())
     base, ways = last.merit, _extended((), last)
     yield (ways[0] if ways else ()), last
+    pairs = list[Selection]()
     if calibrating is not None and ways and not (last.partial or ways[0][-1].is_noise or most < 2):
-        ways = _beside_calibration(last, ways, calibrating, left)
-    for _ in range(2 * most):
+        ways, pairs = _beside_calibration(last, ways, calibrating, left)
+    for turn in range(2 * most):
         if not ways or len(ways[0]) >= most or last.partial or ways[0][-1].is_noise or near_the_noise(ways[0]):
             break
         yield ways[0], replace(ways[0][-1].step, partial=True)
@@ -238,6 +244,7 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
                 break
             made = stepping(following(way[-1].step), way)
             steps.append((made, _extended(way, made)))
+            pairs += [pair] if turn == 0 and (pair := _completed(way, made)) else []
             if made.partial or any(found[-1].is_noise for found in steps[-1][1]):
                 break
         cut = bool(steps) and steps[-1][0].partial and left() <= 0  # by the time, not by the user
@@ -249,6 +256,10 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
         longer = [_without_absent(found) for found in longer]
         ways = _distinct(sorted(longer, key=_merit)) if longer else sorted(ways, key=_merit)
         last = replace(ways[0][-1].step if longer else steps[0][0], partial=steps[-1][0].partial)
+        if turn == 0 and pairs and not (last.partial or ways[0][-1].is_noise) and left() > 0:
+            yield ways[0], replace(last, partial=True)
+            joint = joint_refits(pairs, say, left)
+            ways = [_with_joint(way, joint) for way in ways]
         if not longer:
             break
         if not last.partial and left() > 0:
@@ -288,18 +299,99 @@ def _without_absent(way: Selection) -> Selection:
 
 
 def _beside_calibration(made: Stage, ways: Sequence[Selection], calibrating: Calibrating, left: Callable[[], float]
-                        ) -> list[Selection]:
+                        ) -> tuple[list[Selection], list[Selection]]:
     """The ladders of one effect in the order of what is left beside a calibration error, where that takes a noticeable part
-    of it; those of the simplest law of a class and place stand among them where it leads beside one."""
+    of it; those of the simplest law of a class and place stand among them where it leads beside one. And each of these laws
+    with the calibration error that completes it best."""
     found = {_label(way): (_merit(way), way) for way in ways}
+    pairs = []
     for step in leaders(made, WAYS, simplest=True):
         if left() <= 0:
             break
         way = (SelectedEffect(step, step.cluster),)
         beside = calibrating(following(step))
+        pairs += [pair] if (pair := _completed(way, beside)) else []
         if beside.chosen is not None and worth_it(beside):
             found[_label(way)] = merit(beside.chosen), way
-    return [way for _, way in sorted(found.values(), key=lambda pair: pair[0])]
+    return [way for _, way in sorted(found.values(), key=lambda pair: pair[0])], pairs
+
+
+def _completed(way: Selection, made: Stage) -> Selection:
+    """A selection of one effect with the further effect of a step on it that predicts best, whether or not that is
+    justified; none if no further effect was refitted."""
+    trials = [t for t in made.trials if t.errors is not None]
+    if not trials:
+        return ()
+    step = choosing(made, min(trials, key=loss))
+    return (*way, SelectedEffect(step, step.cluster, _labels(way)))
+
+
+def joint_refits(pairs: Sequence[Selection], say: Progress, left: Callable[[], float]) -> tuple[Refit, ...]:
+    """The leading laws of the first step, each refitted with the further effect that completes it best.
+
+    `pairs` are selections of two effects that begin with a law of this step. The leading laws, which take away at least
+    `FOLLOWED` of the misfit that the best one takes away, are refitted with the second effects of the best `SECONDS` pairs
+    too, from the values of the law alone. Of each law the pair counts that predicts best, labelled with the law. If a
+    machine lacks several effects, the misfit of one law holds all others, and a law of a wrong class that imitates them
+    leaves less; in pairs each law has the same means to explain the rest. A law is completed only by effects that leave more
+    alone than it does, and a pair does not count if the law is absent in it: it is the pair of the other effect.
+    """
+    if not pairs:
+        return ()
+    first = pairs[0][0].step
+    assert first.errors is not None
+    shares = {t.candidate.label: share_taken(first.errors, t.errors, *ALL) for t in first.trials if t.errors is not None}
+    least = FOLLOWED * max(shares.values())
+    leading = sorted((t for t in first.trials if shares.get(t.candidate.label, -inf) >= least), key=loss)[:RIVALS]
+    found = {t.candidate.label: t for t in leading}
+    alone = {t.candidate.label: loss(t) for t in first.trials if t.errors is not None}
+    known = set[tuple[str, str]]()
+
+    def completes(second: str, law: str) -> bool:
+        return alone.get(second, inf) >= alone.get(law, inf)
+
+    def keep(pair: Refit) -> None:
+        before = found.get(pair.candidate.label)
+        if before is None or loss(pair) < loss(before):
+            found[pair.candidate.label] = pair
+
+    for law, second in (pair for pair in pairs if completes(pair[1].candidate.label, pair[0].candidate.label)):
+        keep(replace(second.chosen, candidate=law.candidate, beyond=law.chosen.beyond, unshown=law.chosen.unshown))
+        known.add((law.candidate.label, second.candidate.label))
+    seconds: dict[str, Selection] = {}
+    for pair in sorted(pairs, key=lambda pair: loss(pair[1].chosen)):
+        seconds.setdefault(pair[1].candidate.label, pair)
+    for label, pair in list(seconds.items())[:SECONDS]:
+        others = without_effect(pair, 0, say) if left() > 0 else None
+        if others is None:
+            continue
+        experiment = following(others[-1].step)
+        try:
+            base = fitted_base(experiment)
+        except HeavebondError:
+            continue
+        there = {c.label: c for rule in (candidates, between_all_nodes) for c in rule(experiment)
+                 if not c.acts_on([pair[1].candidate])}
+        for trial in (t for t in leading if t.candidate.label in there and completes(label, t.candidate.label)):
+            if left() <= 0 or (trial.candidate.label, label) in known:
+                continue
+            say(f"comparing the leading effects in pairs: {trial.candidate.label} and {label}")
+            joint = refitted_from(base, there[trial.candidate.label], trial)
+            if joint is not None and not joint.absent:
+                keep(joint)
+    return tuple(sorted(found.values(), key=loss))
+
+
+def _with_joint(way: Selection, joint: tuple[Refit, ...]) -> Selection:
+    """A selection with the pairs of the leading laws in its first step, and without those alternatives of its first effect
+    that the pairs exclude."""
+    first, known = way[0], {t.candidate.label: t for t in joint}
+    alternatives, own = first.alternatives, known.get(first.candidate.label)
+    if own is not None and first.step.errors is not None:
+        others = [known[t.candidate.label] for t in alternatives[1:] if t.candidate.label in known]
+        kept = {t.candidate.label for t in compared(own, others, first.step.errors).members}
+        alternatives = tuple(t for t in alternatives if t.candidate.label not in known or t.candidate.label in kept)
+    return replace(first, step=replace(first.step, joint=joint), alternatives=alternatives), *way[1:]
 
 
 def _label(way: Selection) -> str:
