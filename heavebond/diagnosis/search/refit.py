@@ -133,7 +133,8 @@ class Refit:
     squares would fall: it is not the minimum (see `range_ends`), and `unshown` its amplitudes that the records do not tell
     from none. `inner` are the values as unknowns of its least squares
     problem; its runs erred by less than those of the base model by the power `finer` of FINER. It `acts` at some time in the
-    fitted records (see `Candidate.acts`). `own` are the values that each record has of its own (SI), by its name."""
+    fitted records (see `Candidate.acts`). `own` are the values that each record has of its own (SI), by its name. `lent` is
+    the label of a further effect that the diagram has beside those of its step."""
 
     candidate: Candidate
     experiment: Experiment
@@ -157,6 +158,7 @@ class Refit:
     finer: int = 0
     acts: bool = True
     own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    lent: str = ""
 
     @property
     def absent(self) -> bool:

@@ -79,7 +79,7 @@ class Stage:
     are the labels of candidates that were scored, but with which no refit could be simulated. `prescored` is the number of
     candidates between nodes that no component joins; `excluded` are the labels of effects that were not tried, got no exact
     score (see `search.prescore`) or were not kept, each with the reason. `joint` are the leading candidates, each refitted
-    with one further effect (see `stepwise.joint_refits`); none if no further step was made."""
+    with one further effect (see `stepwise.best_pairs`); none if no further step was made."""
 
     experiment: Experiment
     values: dict[str, float]

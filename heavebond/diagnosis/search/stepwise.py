@@ -8,7 +8,7 @@ either of them alone, and every further effect then compensates its errors. Ther
 * The laws that lead the first step are each refitted beside calibration errors (offsets and gains of inputs and
   channels), and followed in the order of their residuals then.
 * These laws are compared with each other as pairs: each with the further effect that completes it best (see
-  `joint_refits`). Of a law alone the residual holds all other effects, and a law that imitates these leaves less.
+  `best_pairs`). Of a law alone the residual holds all other effects, and a law that imitates these leaves less.
 * Beside all others, each effect is removed and sought again among all candidates: one that is not needed stays out, one
   that another improves on is replaced, and its alternatives are determined anew.
 * A further effect that is absent at the end of its refit, but lowers the residual, has led the values out of a wrong
@@ -158,8 +158,7 @@ def _amplitudes(base: Base, own: Array) -> tuple[Array, NDArray[np.int64]]:
 
 
 MOST = 5  # effects
-RIVALS = 8  # laws of the first step at most that are compared in pairs,
-SECONDS = 2  # with so many further effects that other laws were completed by
+RIVALS = 8  # laws of the first step at most that are compared in pairs
 WAYS = 3  # ladders that are followed side by side,
 FOLLOWED = 0.5  # those that take this share of what the best takes away
 BEGUN = 0.5  # share of the time of a step that must be left for the next, which begins near its end and may reach the noise
@@ -231,7 +230,7 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
         last = stepping(at_values_of(last.chosen, experiment), ())
     base, ways = last.merit, _extended((), last)
     yield (ways[0] if ways else ()), last
-    pairs = list[Selection]()
+    pairs, joint = list[Selection](), tuple[Refit, ...]()
     if calibrating is not None and ways and not (last.partial or ways[0][-1].is_noise or most < 2):
         ways, pairs = _beside_calibration(last, ways, calibrating, left)
     for turn in range(2 * most):
@@ -244,9 +243,17 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
                 break
             made = stepping(following(way[-1].step), way)
             steps.append((made, _extended(way, made)))
-            pairs += [pair] if turn == 0 and (pair := _completed(way, made)) else []
+            pair = _completed(way, made) if turn == 0 else ()
+            pairs += [pair] if pair else []
             if made.partial or any(found[-1].is_noise for found in steps[-1][1]):
                 break
+            if pair and len(steps) == 1:
+                yield (steps[0][1] or ways)[0], replace(made, partial=True)
+                joint = joint_refits(pair, say, left)
+        if turn == 0 and pairs:
+            joint = best_pairs(pairs, joint)
+            ways = [_with_joint(way, joint) for way in ways]
+            steps = [(made, [_with_joint(way, joint) for way in extended]) for made, extended in steps]
         cut = bool(steps) and steps[-1][0].partial and left() <= 0  # by the time, not by the user
         if not steps or (cut and not any(found[-1].is_noise for found in steps[-1][1])):
             last = ways[0][-1].step
@@ -256,10 +263,6 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
         longer = [_without_absent(found) for found in longer]
         ways = _distinct(sorted(longer, key=_merit)) if longer else sorted(ways, key=_merit)
         last = replace(ways[0][-1].step if longer else steps[0][0], partial=steps[-1][0].partial)
-        if turn == 0 and pairs and not (last.partial or ways[0][-1].is_noise) and left() > 0:
-            yield ways[0], replace(last, partial=True)
-            joint = joint_refits(pairs, say, left)
-            ways = [_with_joint(way, joint) for way in ways]
         if not longer:
             break
         if not last.partial and left() > 0:
@@ -326,59 +329,58 @@ def _completed(way: Selection, made: Stage) -> Selection:
     return (*way, SelectedEffect(step, step.cluster, _labels(way)))
 
 
-def joint_refits(pairs: Sequence[Selection], say: Progress, left: Callable[[], float]) -> tuple[Refit, ...]:
-    """The leading laws of the first step, each refitted with the further effect that completes it best.
-
-    `pairs` are selections of two effects that begin with a law of this step. The leading laws, which take away at least
-    `FOLLOWED` of the misfit that the best one takes away, are refitted with the second effects of the best `SECONDS` pairs
-    too, from the values of the law alone. Of each law the pair counts that predicts best, labelled with the law. If a
-    machine lacks several effects, the misfit of one law holds all others, and a law of a wrong class that imitates them
-    leaves less; in pairs each law has the same means to explain the rest. A law is completed only by effects that leave more
-    alone than it does, and a pair does not count if the law is absent in it: it is the pair of the other effect.
-    """
-    if not pairs:
+def joint_refits(pair: Selection, say: Progress, left: Callable[[], float]) -> tuple[Refit, ...]:
+    """The other leading laws of the first step, each refitted with the second effect of a `pair`, from the values of the law
+    alone; of a pair in which the law is absent nothing is kept, as it is the pair of the other effect alone."""
+    law, second = (added.candidate for added in pair)
+    first = pair[0].step
+    laws = [t for t in leading_laws(first) if t.candidate.label not in (law.label, second.label)]
+    others = without_effect(pair, 0, say) if laws and left() > 0 else None
+    if others is None:
         return ()
-    first = pairs[0][0].step
+    experiment = following(others[-1].step)
+    try:
+        base = fitted_base(experiment)
+    except HeavebondError:
+        return ()
+    there = {c.label: c for rule in (candidates, between_all_nodes) for c in rule(experiment) if not c.acts_on([second])}
+    found = []
+    for trial in (t for t in laws if t.candidate.label in there):
+        if left() <= 0:
+            break
+        say(f"comparing the leading effects in pairs: {trial.candidate.label} and {second.label}")
+        joint = refitted_from(base, there[trial.candidate.label], trial)
+        found += [replace(joint, lent=second.label)] if joint is not None and not joint.absent else []
+    return tuple(found)
+
+
+def leading_laws(first: Stage) -> list[Refit]:
+    """The refits of a step that take away at least `FOLLOWED` of the misfit that the best of them takes away, at most
+    `RIVALS`, the best first."""
     assert first.errors is not None
-    shares = {t.candidate.label: share_taken(first.errors, t.errors, *ALL) for t in first.trials if t.errors is not None}
-    least = FOLLOWED * max(shares.values())
-    leading = sorted((t for t in first.trials if shares.get(t.candidate.label, -inf) >= least), key=loss)[:RIVALS]
-    found = {t.candidate.label: t for t in leading}
+    shares = [(share_taken(first.errors, t.errors, *ALL), t) for t in first.trials if t.errors is not None]
+    least = FOLLOWED * max((share for share, _ in shares), default=0.0)
+    return sorted((t for share, t in shares if share >= least), key=loss)[:RIVALS]
+
+
+def best_pairs(pairs: Sequence[Selection], joint: Sequence[Refit]) -> tuple[Refit, ...]:
+    """The leading laws of the first step, each in the pair with a further effect that predicts best, the best first.
+
+    `pairs` are selections of two effects that begin with a law of this step, and `joint` other pairs (see `joint_refits`).
+    If a machine lacks several effects, the misfit of one law holds all others, and a law of a wrong class that imitates them
+    leaves less; in pairs each law has the same means to explain the rest. A law is completed only by effects that leave more
+    alone than it does: of two effects the larger one is the first.
+    """
+    first = pairs[0][0].step
+    found = {t.candidate.label: t for t in leading_laws(first)}
     alone = {t.candidate.label: loss(t) for t in first.trials if t.errors is not None}
-    known = set[tuple[str, str]]()
-
-    def completes(second: str, law: str) -> bool:
-        return alone.get(second, inf) >= alone.get(law, inf)
-
-    def keep(pair: Refit) -> None:
-        before = found.get(pair.candidate.label)
-        if before is None or loss(pair) < loss(before):
-            found[pair.candidate.label] = pair
-
-    for law, second in (pair for pair in pairs if completes(pair[1].candidate.label, pair[0].candidate.label)):
-        keep(replace(second.chosen, candidate=law.candidate, beyond=law.chosen.beyond, unshown=law.chosen.unshown))
-        known.add((law.candidate.label, second.candidate.label))
-    seconds: dict[str, Selection] = {}
-    for pair in sorted(pairs, key=lambda pair: loss(pair[1].chosen)):
-        seconds.setdefault(pair[1].candidate.label, pair)
-    for label, pair in list(seconds.items())[:SECONDS]:
-        others = without_effect(pair, 0, say) if left() > 0 else None
-        if others is None:
-            continue
-        experiment = following(others[-1].step)
-        try:
-            base = fitted_base(experiment)
-        except HeavebondError:
-            continue
-        there = {c.label: c for rule in (candidates, between_all_nodes) for c in rule(experiment)
-                 if not c.acts_on([pair[1].candidate])}
-        for trial in (t for t in leading if t.candidate.label in there and completes(label, t.candidate.label)):
-            if left() <= 0 or (trial.candidate.label, label) in known:
-                continue
-            say(f"comparing the leading effects in pairs: {trial.candidate.label} and {label}")
-            joint = refitted_from(base, there[trial.candidate.label], trial)
-            if joint is not None and not joint.absent:
-                keep(joint)
+    own = [(replace(second.chosen, candidate=law.candidate, beyond=law.chosen.beyond, unshown=law.chosen.unshown),
+            second.candidate.label) for law, second in pairs]
+    for pair, second in (*own, *((t, t.lent) for t in joint)):
+        label = pair.candidate.label
+        before = found.get(label)
+        if alone.get(second, inf) >= alone.get(label, inf) and (before is None or loss(pair) < loss(before)):
+            found[label] = pair
     return tuple(sorted(found.values(), key=loss))
 
 
