@@ -175,7 +175,7 @@ def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float =
     alike = _families((*made.trials, *others), made)
     best = [min(family, key=loss) for family in alike]
     weights = law_weights(best)
-    if first.joint and others and made.trials is not first.trials:
+    if made.joint and others:
         weights = _beside_values(best, weights, _families((*first.trials, *others), first))
     later = [step.chosen for step in steps[1:] if step.chosen is not None and step.chosen.errors is not None]
     # the residual of a search that was ended early says nothing about laws outside: further effects were not sought
